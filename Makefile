@@ -34,8 +34,8 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not statistics" --ignore tests/report/browser
 
 # Kernels as plain Python, which checks bounds: the fast tests of the folders that have kernels.
-KERNELS = core filtering measure/clusters measure/regions simulate/balls simulate/render simulate/world \
-	track/apf track/images/kernels track/imm track/in_space track/jipda track/map track/people
+KERNELS = core filtering measure/clusters measure/regions scans simulate/balls simulate/render simulate/world \
+	track/apf track/images/kernels track/imm track/in_space track/jipda track/map track/people track/sort
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not statistics and not jit" $(KERNELS:%=tests/%)
 

@@ -43,7 +43,11 @@ del _name
 
 
 def __getattr__(name: str) -> object:
-    """Load a name of the API on first use."""
+    """Return a name of the Python API, loaded on first use.
+
+    Raises:
+        AttributeError: the API has no such name.
+    """
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     api = import_module("occlog.api")
@@ -55,5 +59,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the public names of the Python API."""
+    """Return the names of this package and of the Python API, sorted."""
     return sorted({*globals(), *import_module("occlog.api").__all__})

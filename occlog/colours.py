@@ -9,6 +9,11 @@ TARGETS_DARK = ("#4aa8e8", "#e08cc4", "#3cc4a6", "#e0a050", "#a0a6ff", "#ff7f88"
 
 
 def target_rgb(index: int, dark: bool = False) -> tuple[int, int, int]:
-    """RGB colour (0 to 255) of the target with this index by identity; `dark`: for a dark background."""
+    """Return the colour (red, green, blue; 0 to 255 each) of a target.
+
+    Args:
+        index: position of the target in the order of identities, from 0; colours repeat after six.
+        dark: use the lighter colours, for dark backgrounds and video.
+    """
     text = (TARGETS_DARK if dark else TARGETS)[index % len(TARGETS)]
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)

@@ -16,7 +16,10 @@ _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
 def as_flag(name: str) -> str:
-    """Return a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
+    """Return the name of a request's field as typed on the command line: `--fused-views`, or `--set person_height=`.
+
+    Names that begin with `set.` are settings without an option of their own.
+    """
     free = name.removeprefix("set.")
     return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
@@ -26,20 +29,23 @@ SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_f
 
 
 def option(name: str) -> str:
-    """Return a placeholder for a request field in a message, which `spelled` replaces for the surface in use.
+    """Return a placeholder for the name of a request's field in a message; `spelled` replaces it.
 
-    A setting without its own option is called `set.NAME`.
+    A setting without an option of its own is called `set.NAME`.
     """
     return f"\ue000{name}\ue001"
 
 
 def spelled(text: str) -> str:
-    """Return a message (or JSON with one) with the names of `option` spelled for the surface in use."""
+    """Return a text with each placeholder of `option` replaced by the name as spelled on the surface in use.
+
+    Surfaces are the command line, Python and YAML. JSON text with escaped placeholders is accepted, too.
+    """
     return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
 class ExitCode(IntEnum):
-    """Exit status of an `occlog` command: 0 is success."""
+    """Exit code of an `occlog` command; 0 is success."""
 
     DONE = 0
     BUG = 1
@@ -57,7 +63,12 @@ class ExitCode(IntEnum):
 
 
 class OcclogError(Exception):
-    """Base class of all deliberate errors; `exit_code` is returned by the command, `id` is the kind of error."""
+    """Base class of the errors that occlog raises on purpose.
+
+    Attributes:
+        exit_code: exit code of a command that ends with this error.
+        default_id: id of errors of this class that are raised without one.
+    """
 
     exit_code: ExitCode = ExitCode.BAD_INPUT
     default_id = "invalid-value"
@@ -66,16 +77,16 @@ class OcclogError(Exception):
         """Create an error.
 
         Args:
-            message: what is wrong, in one line.
-            id: one of `occlog.records.error_ids.ERRORS`; None: that of the error that caused it (`raise ... from`), or
-                the one of the class.
+            message: fault in one line.
+            id: one of `occlog.records.error_ids.ERRORS`; None: that of the error that caused it (`raise ... from`),
+                otherwise that of the class.
         """
         super().__init__(message)
         self._id = id
 
     @property
     def id(self) -> str:
-        """Stable id of the kind of error, such as `missing-column`; see docs/reference/errors.md."""
+        """Stable id of the kind of error, for example `missing-column`; docs/reference/errors.md lists all."""
         cause = self.__cause__
         if self._id is None and isinstance(cause, OcclogError) and cause is not self:
             return cause.id
@@ -87,7 +98,7 @@ class OcclogError(Exception):
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of the request fields in the message; the first is the wrong one."""
+        """Names of the request's fields in the message, in order; the first is the one at fault."""
         return tuple(_OPTION.findall(super().__str__()))
 
 
@@ -122,27 +133,25 @@ class UsageError(OcclogError):
 
 
 class NoSceneError(UsageError):
-    """A required scene is missing in a file; the command line adds how to give one.
+    """A file lacks the required scene; the command line adds how to give one.
 
     Attributes:
         where: the file.
     """
 
     def __init__(self, where: object) -> None:
-        """Create the error that the file `where` holds no scene."""
+        """Create the error that the file `where` contains no scene."""
         super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
-    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of known names if none is similar.
-
-    A long list is cut.
+    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of valid names if none is similar.
 
     Args:
         name: the unknown name.
-        known: the allowed names.
-        otherwise: words before the list of all names.
+        known: the valid names; a list of more than `LONGEST_LIST` characters is cut.
+        otherwise: words before the list of valid names.
         owner: method or command that the name was given to; its own renamed options come first.
     """
     names = list(known)
@@ -157,17 +166,17 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", 
 
 
 def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, owner: str = "") -> list[str]:
-    """Known names similar to an unknown one, best first; empty if none is similar.
+    """Return the valid names most similar to an unknown one, best first; empty if none is similar.
 
-    A name of an earlier release returns its replacements (`renamed.csv`), in any spelling: `--sigma-v`, `sigma_v`. A
-    prefix such as `process_noise` returns up to three names.
+    For a name of an earlier release its replacements are returned (`renamed.csv`), in whatever spelling it is given:
+    `--sigma-v`, `sigma_v`. For a prefix such as `process_noise` it is up to three names that begin with it.
 
     Args:
         name: the unknown name.
-        known: the names that are valid in its place.
-        n: largest number of names that are spelled alike.
-        cutoff: least similarity of a close name, 0 to 1, as `difflib` defines it.
-        owner: method or command that the name was given to; its own names of the last release come first.
+        known: the valid names.
+        n: largest number of names with similar spelling.
+        cutoff: least similarity, 0 to 1, as `difflib` defines it.
+        owner: method or command that the name was given to; replacements of its own names come first.
     """
     import difflib
 
@@ -183,12 +192,16 @@ def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, ow
 
 
 def _plain(name: str) -> str:
+    """Return a name without dashes, `=` and spaces around it, without `no-` before it, and with `_` for `-`."""
     return name.strip("-= ").removeprefix("no-").replace("-", "_")
 
 
 @functools.cache
 def _renamed() -> Mapping[str, tuple[tuple[str, str], ...]]:
-    """Owner (method or table), old name and new name of each public name renamed since the last release."""
+    """Return the public names renamed since the last release: (owner, new name) of each replacement, by old name.
+
+    The owner is a method or table, or several with commas.
+    """
     import csv
     from importlib import resources
 

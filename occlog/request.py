@@ -1,9 +1,9 @@
-"""Request of a command, declared once: command line options, Python arguments and YAML keys are made from it.
+"""Requests of commands: each is declared once, and its options, Python arguments and YAML keys are made from that.
 
 A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
-(`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
-command line spells it `--fused-views`, Python `fused_views`. A field with an option of another name is called by that
-name everywhere.
+(`occlog.settings.setting`) and groups of settings (`group`). A field has one name, which is its key in YAML; the
+command line spells it `--fused-views`, Python `fused_views`. Where the option of a field has another name, that is the
+key everywhere.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table 
 
 @dataclass(frozen=True)
 class File:
-    """Declaration of a field that names one or several files.
+    """Declaration of a request's field that names one or several files.
 
     Attributes:
-        help: one sentence or more.
-        output: it is written; else it is read.
-        table: output: name of the table in it; empty: it is no table, or the run decides.
-        result: output: its name in the result of the Python function; empty: that of the field, or of the table of the
+        help: help text, one or more sentences.
+        output: the file is written; otherwise it is read.
+        table: of outputs: name of the table in the file; empty: it contains none, or the command decides.
+        result: of outputs: name in the result of the Python function; empty: that of the field, or of the table in the
             main output.
-        asked: output: the Python function asks for it: `always`, `also` (by its argument `also`), `never`, or where
-            the argument of that name is given.
-        option: as click writes it (`-o/--output`); None: the field's name.
-        metavar: how the option's value is called.
-        argument: it is an argument without a name.
-        together: of a field of several files this many are given at a time.
-        number: a number from this on may be in place of the file; None: no number may.
-        scene: a scene is read from it.
-        there: click checks that it exists, and `-` is standard input.
-        kinds: kinds of input that it is for, where the request is of several (`Request.KIND`); empty: all.
-        suffix: output: how the name of the file ends that a Python function makes.
+        asked: of outputs: when the Python function makes it: `always`, `also` (if named in the argument `also`),
+            `never`, or if the argument of that name is given.
+        option: option as click declares it (`-o/--output`); None: made from the field's name.
+        metavar: placeholder for the option's value in the help.
+        argument: it is a positional argument.
+        together: of fields of several files: number of files that are given at a time.
+        number: least number that may be given in place of the file; None: only a file.
+        scene: a scene is read from the file.
+        there: click checks that the file exists, and `-` is standard input.
+        kinds: kinds of input that the file applies to, for requests with several (`Request.KIND`); empty: all.
+        suffix: of outputs: end of the file's name where the Python function chooses it.
     """
 
     help: str
@@ -62,17 +62,19 @@ class File:
 
 @dataclass(frozen=True)
 class SettingsGroup:
-    """Declaration of a field that holds given settings of a class, by name.
+    """Declaration of a request's field that contains the given settings of a settings class, by name.
 
     Attributes:
-        of: makes the class; None: the form of the request states which (a tracking method, for example).
-        only: names of settings that can be given; empty: all.
-        without: names of settings that cannot.
-        under: what the names of the options begin with.
-        plain: names of settings of which they do not.
-        prefix: what names in Python begin with, where those of the options do not.
-        example: of `--set NAME=VALUE`, which gives settings without an option; empty: nothing does.
-        nested: in Python they are one argument of the field's name, a mapping; else each is an argument.
+        of: returns the settings class; None: it is in `Form.settings`, by the name of the field (for example one for
+            each tracking method).
+        only: names of the settings that can be given; empty: all.
+        without: names of settings that cannot be given.
+        under: prefix of the settings' options.
+        plain: names of settings with options without that prefix.
+        prefix: prefix of the settings' names in Python, where options have none.
+        example: example of `--set NAME=VALUE`, by which settings without an option are given; empty: they cannot be
+            given.
+        nested: in Python the settings are one argument with the field's name, a mapping; otherwise each is an argument.
     """
 
     of: Callable[[], type[Settings]] | None
@@ -87,13 +89,13 @@ class SettingsGroup:
 
 @dataclass(frozen=True)
 class PluginField:
-    """Declaration of a field that holds selected plug-ins with their settings.
+    """Declaration of a request's field that contains selected plug-ins with their settings.
 
     Attributes:
-        kind: of the plug-ins.
-        help: one sentence or more.
-        option: as click writes it; it may be repeated.
-        kinds: kinds of input that they are for; see `File`.
+        kind: kind of plug-in.
+        help: help text, one or more sentences.
+        option: option as click declares it, which may be repeated.
+        kinds: kinds of input that the plug-ins apply to, as in `File`; empty: all.
     """
 
     kind: str
@@ -103,37 +105,37 @@ class PluginField:
 
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
-    """Declare a request field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`; by default empty.
+    """Declare a request's field of selected plug-ins: a tuple of `occlog.plugins.loading.Chosen`, empty by default.
 
     Args:
-        kind: kind of plug-in, for example `filter`.
-        help: text for the help of the option.
-        option: the command's option, which may be repeated.
-        kinds: kinds of input that the plug-ins are for; empty: all.
+        kind: kind of plug-in, for example `metric`.
+        help: help text of the option.
+        option: option of the command, which may be repeated.
+        kinds: kinds of input that the plug-ins apply to; empty: all.
     """
     return field(default=(), metadata={"plugged": PluginField(kind, help, option, kinds)})
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read.
+    """Declare a request's field that names a file to read.
 
     Args:
-        help: sentence for the help of the option.
-        required: None: positional arguments are required, options are not.
-        **declared_of: further fields of the `File` declaration.
+        help: help text of the option.
+        required: whether the file must be given; None: positional arguments must, options need not.
+        **declared_of: further attributes of the `File` declaration.
     """
     of = File(help, **declared_of)
     return _file(of, of.argument if required is None else required)
 
 
 def sink(help: str, table: str = "", *, required: bool = False, **declared_of: Any) -> Any:
-    """Declare a request field that names a file to write.
+    """Declare a request's field that names a file to write.
 
     Args:
-        help: sentence for the help of the option.
-        table: name of the table that the file holds; empty: it holds none.
-        required: false: the default is None, and nothing is written.
-        **declared_of: further fields of the `File` declaration.
+        help: help text of the option.
+        table: name of the table that the file contains; empty: none.
+        required: whether it must be given; if not, the default is None, and nothing is written.
+        **declared_of: further attributes of the `File` declaration.
     """
     return _file(File(help, output=True, table=table, **declared_of), required)
 
@@ -147,31 +149,36 @@ def output_file(help: str, table: str = "", result: str = "") -> Any:
     """Declare the main output of a command, `-o/--output`, which is required.
 
     Args:
-        help: sentence for the help of the option.
-        table: name of the table that it holds; empty: none.
-        result: name of the output in the results of the Python interface; empty: that of the table.
+        help: help text of the option.
+        table: name of the table that the file contains; empty: none.
+        result: name of the output in results of the Python API; empty: that of the table.
     """
     return sink(help, table, required=True, option="-o/--output", result=result)
 
 
 def scene_file() -> Any:
-    """Declare the scene option, which replaces the scene of the input."""
+    """Declare the option `--scene`: a file with a scene, in place of the scene in the input."""
     return source(SCENE_HELP, scene=True)
 
 
 def seed_of_all() -> Any:
-    """Declare the field for the seed of all random numbers, `--seed`."""
+    """Declare the option `--seed` of all random numbers; by default 0."""
     return setting(0, "Seed of all random numbers; equal seeds give equal results.", at_least=0, option="--seed")
 
 
 def number_of_threads() -> Any:
-    """Declare the number of threads, `--workers`; None: one for each processor."""
+    """Declare the option `--workers`, the number of threads; None: one per processor."""
     words = "Number of threads; results do not depend on it. [default: one per processor]"
     return setting(None, words, at_least=1, option="--workers", shown="")
 
 
 def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
-    """Declare a field that holds settings of a class."""
+    """Declare a request's field with a group of settings: those that are given, values by name; empty by default.
+
+    Args:
+        of: returns the settings class; None: it is in `Form.settings`, by the name of the field.
+        **declared_of: further attributes of the `SettingsGroup` declaration.
+    """
     return field(default_factory=dict, metadata={"group": SettingsGroup(of, **declared_of)})
 
 
@@ -179,10 +186,16 @@ def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
 class Request(Settings):
     """Base class of requests; the docstring of a class is the help of its command.
 
-    `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
-    `JUDGED`: the summary has the figure `VERDICT` (whether all is well); `STRICT` states when False gives exit code 6
-    with `--strict` (empty: always). `KIND` is module and name of the function that determines the kind of input, and
-    `KINDS` are names of these kinds; without these all declared options apply.
+    Attributes:
+        RUN: `module:name` of the function that runs the request; it takes the request and a `Job`, and returns a
+            summary and losses.
+        JUDGED: the summary has the entry named `VERDICT`.
+        VERDICT: name of the summary's entry that states whether all checks passed.
+        STRICT: when a failed check gives exit code 6 with `--strict`, as a part of its help; empty: always, without
+            `--strict`.
+        KIND: `module:name` of the function that determines the kind of a request's input; empty: all options always
+            apply.
+        KINDS: descriptions of the kinds of input, by kind.
     """
 
     RUN: ClassVar[str]
@@ -193,7 +206,11 @@ class Request(Settings):
     KINDS: ClassVar[Mapping[str, str]] = {}
 
     def files(self, *, output: bool) -> dict[str, Path]:
-        """Files to read (or write, with `output`) by field, in order of declaration; items of a tuple separately."""
+        """Return the files to read (or to write, with `output`) by name of the field, in order of declaration.
+
+        Files of a field with several are named `field`, `field[1]`, `field[2]` and so on; fields without a file are
+        missing.
+        """
         found: dict[str, Path] = {}
         for f in fields(self):
             value, of = getattr(self, f.name), f.metadata.get("file")
@@ -203,16 +220,19 @@ class Request(Settings):
         return found
 
     def file_field(self, field_name: str) -> File:
-        """Return the declaration of the file field `field_name`; items of a tuple are named `name[1]`."""
+        """Return the declaration of a field that names files.
+
+        `field_name`: name of the field, or of one of its files as in `files` (`name[1]`).
+        """
         found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
         return found
 
     def kind_of_input(self) -> str:
-        """Return the kind of the request's input; empty if there are no kinds."""
+        """Return the kind of the request's input; empty if the request has no kinds."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
     def unfit(self, kind: str) -> Iterator[RequestEntry]:
-        """Generate the given options that do not apply to a kind of input."""
+        """Generate the given options that do not apply to inputs of the kind `kind`."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
             value = value.get(entry.of.name) if entry.group is not None else value
@@ -220,7 +240,10 @@ class Request(Settings):
                 yield entry
 
     def check_kind(self, kind: str) -> None:
-        """UsageError, which lists the applicable kinds, for an option that does not apply to a kind of input."""
+        """Raise UsageError for a given option that does not apply to inputs of the kind `kind`.
+
+        The message lists the kinds that it applies to.
+        """
         for entry in self.unfit(kind):
             wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
             raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}", id="not-applicable")
@@ -237,15 +260,15 @@ class Request(Settings):
 
 
 class RequestEntry(NamedTuple):
-    """A field or setting of a request.
+    """A field of a request, or a setting in one of its groups.
 
     Attributes:
-        key: its name, which all surfaces spell.
-        field: of the request.
-        owner: class that declares it: the request's, or that of the settings of a group.
-        of: the declaration, a field of the owner.
-        group: that it is in; None: it is a field of the request itself.
-        under: what the name of its option begins with.
+        key: name, for example `max_gap`; the command line spells it `--max-gap`.
+        field: name of the request's field; for a setting that of its group.
+        owner: class that declares it: the request's, or the settings class of the group.
+        of: the dataclass field of `owner`.
+        group: declaration of its group; None: it is a field of the request itself.
+        under: prefix of its option.
     """
 
     key: str
@@ -257,7 +280,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def file(self) -> File | None:
-        """Declaration of the file that the field names; None if the field is no file."""
+        """Declaration of the file that the field names; None if it names none."""
         found: File | None = self.of.metadata.get("file")
         return found
 
@@ -269,7 +292,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of input to which it applies; empty: all."""
+        """Kinds of input that the entry applies to; empty: all."""
         return (self.file or self.plugged or declaration(self.of)).kinds
 
     @property
@@ -279,21 +302,21 @@ class RequestEntry(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the value in a command: the field's name with the prefix of its group."""
+        """Name of the value among the arguments of a command: that of the field or setting, with its group's prefix."""
         prefix = "" if self.group is None else self.group.prefix
         return prefix + _under(self.under, self.of.name)
 
 
 @dataclass(frozen=True)
 class Form:
-    """Form of a request: its class, with the fields and settings that are offered.
+    """Form of a request: its class, and which of its fields and settings are offered.
 
     Attributes:
-        request: its class.
-        takes: names of fields and of settings in groups; None: all that there are.
-        settings: classes of the groups that declare none, by their fields.
-        around: more classes of which `--set` gives settings.
-        under: what the names of a group's options begin with, by its field, where the group declares nothing.
+        request: class of the request.
+        takes: names of the offered fields and of settings in groups; None: all.
+        settings: settings class of each group that declares none, by the group's field.
+        around: further classes with settings that `--set` gives.
+        under: prefix of the options of a group by its field, where the group declares none.
     """
 
     request: type[Request]
@@ -303,7 +326,7 @@ class Form:
     under: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> Iterator[RequestEntry]:
-        """All fields and settings with their own names, in order of declaration."""
+        """Generate all offered fields and settings, in order of declaration."""
         for f in fields(self.request):
             of: SettingsGroup | None = f.metadata.get("group")
             if of is not None:
@@ -312,12 +335,16 @@ class Form:
                 yield RequestEntry(_key(f), f.name, self.request, f, None)
 
     def classes(self) -> dict[str, type[Settings]]:
-        """Settings class of each group of this form, by field."""
+        """Return the settings class of each group of this form, by the name of the group's field.
+
+        A class in `settings` has precedence over the group's own; groups without any class are missing.
+        """
         groups = {f.name: f.metadata["group"].of for f in fields(self.request) if "group" in f.metadata}
         made = {name: self.settings.get(name) or (of() if of is not None else None) for name, of in groups.items()}
         return {name: of for name, of in made.items() if of is not None}
 
     def _in_group(self, f: Field[Any], of: SettingsGroup) -> Iterator[RequestEntry]:
+        """Generate the settings of a group that are offered and have an option; `f` is the group's field."""
         settings = self.classes().get(f.name)
         if settings is None:
             return
@@ -329,20 +356,21 @@ class Form:
                 yield RequestEntry(_under(under, _key(each)), f.name, settings, each, of, under)
 
     def set_group(self) -> tuple[str, str] | None:
-        """Field of the settings for `--set`, and an example; None if there is none."""
+        """Return (field, example of NAME=VALUE) of the group to which `--set` gives settings; None if there is none."""
         groups = ((f.name, f.metadata["group"].example) for f in fields(self.request) if "group" in f.metadata)
         return next(((name, example) for name, example in groups if example), None)
 
     def build(self, given: Mapping[str, object], groups: Mapping[str, Mapping[str, object]]) -> Request:
-        """Build the request from given values.
+        """Return the request with the given values; others have their defaults.
 
         Args:
-            given: by `RequestEntry.name`; None and () are not given.
-            groups: settings of groups, by field; those of `given` count more.
+            given: values by `RequestEntry.name`; None and () count as not given. Texts are parsed to the type of the
+                field.
+            groups: settings of groups by field; the values in `given` take precedence.
 
         Raises:
-            SettingError: a value of the request's own that is out of its range.
-            UsageError: a text that is no value, or something that is required is missing.
+            SettingError: a value of the request's own fields is out of its range.
+            UsageError: an invalid text, or a required field is missing.
         """
         values: dict[str, Any] = {name: dict(group) for name, group in groups.items()}
         for entry in self.entries():
@@ -366,8 +394,8 @@ class Verbs:
     """Several commands under one name, such as `occlog priors hull`.
 
     Attributes:
-        help: of the name alone.
-        verbs: the request of each by its name, with what it does in one line.
+        help: help of the common name.
+        verbs: (class of requests, summary in one line) by the command's own name.
     """
 
     help: str
@@ -376,13 +404,13 @@ class Verbs:
 
 @dataclass(frozen=True)
 class VerbKind:
-    """A kind of request of a command.
+    """One kind of request of a command with several.
 
     Attributes:
-        summary: one line.
-        form: makes the form of its request.
-        called: how it is chosen, if not as the others are.
-        about: paragraphs of its help, with an example; None: the help is that of the verb.
+        summary: summary in one line.
+        form: returns the form of its request.
+        called: how this kind is chosen on the command line; None: as `Verb.chosen_by` states.
+        about: paragraphs of its help, with an example; None: the help of the command.
     """
 
     summary: str
@@ -393,22 +421,23 @@ class VerbKind:
 
 @dataclass(frozen=True)
 class Verb:
-    """A command with several kinds of requests, selected by a value.
+    """A command with several kinds of requests, of which options or inputs choose one.
 
     Attributes:
-        shared: class of which all requests are; its fields are those of all kinds.
-        kinds: by name.
-        default: the kind where no value chooses one.
-        by: keys of the values that choose, the first that is given before the others, and which kind a text of the
-            value chooses; empty: none.
-        counted: kinds that this many arguments choose where no value does; more choose that of the largest number.
-        fits: module and name of a function from the name of the first input, and that of a scene or None, to the kind
-            that fits their content, where no value chooses one; empty: the default.
-        what: how a kind is called, for example `method`.
+        shared: base class of all the requests; its fields are those of every kind.
+        kinds: kinds by name.
+        default: kind if nothing else chooses one.
+        by: functions by key of an option: they return the kind for the option's value, or an empty text if it chooses
+            none; the first option that is given and chooses one decides.
+        counted: kinds by least number of positional arguments, where no option chooses one; the largest number that is
+            reached decides.
+        fits: `module:name` of the function that returns the kind which fits the contents of the first input, given its
+            path and that of a scene (or None), where no option chooses one; empty: none.
+        what: word for a kind, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
-        more: makes kinds of plug-ins.
-        shows_default: help without a choice shows what the default kind takes, too.
-        example: of `--set`; empty: no kind has settings without an option.
+        more: returns the kinds of installed plug-ins, by name.
+        shows_default: help without a choice also lists the options of the default kind.
+        example: example of `--set`; empty: no kind has settings without an option.
     """
 
     shared: type[Request]
@@ -425,18 +454,22 @@ class Verb:
 
     @property
     def help(self) -> str | None:
-        """Help of the command: docstring of the base class of its requests."""
+        """Help of the command: the docstring of the base class of its requests."""
         of = self.shared
         while of.__base__ not in (Request, None):
             of = of.__base__
         return of.__doc__
 
     def kind(self, name: str) -> VerbKind | None:
-        """Kind of that name, built in or of a plug-in; None if missing."""
+        """Return the built-in or plugged-in kind `name`; None if there is none."""
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
     def form(self, name: str) -> Form:
-        """Form of a kind; UsageError, with the most similar name, for an unknown kind."""
+        """Return the form of the kind `name`.
+
+        Raises:
+            UsageError: an unknown kind; the message has the most similar name.
+        """
         kind = self.kind(name)
         if kind is None:
             raise UsageError(
@@ -446,7 +479,7 @@ class Verb:
 
 
 def _flat(value: object) -> Iterator[object]:
-    """Generate the items of nested tuples in `value`; another value is one item."""
+    """Generate the items of a nested tuple; a value that is no tuple is the only item."""
     if isinstance(value, tuple):
         for each in value:
             yield from _flat(each)
@@ -455,7 +488,7 @@ def _flat(value: object) -> Iterator[object]:
 
 
 def _key(f: Field[Any]) -> str:
-    """Return the key of a request field `f`: the name of its option, with `_`, or its own."""
+    """Return the key of a request's field or of a setting: the name of its option with `_` for `-`, or its own name."""
     of: File | PluginField | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
     option = of.option
     if option is None or getattr(of, "argument", False):
@@ -465,11 +498,14 @@ def _key(f: Field[Any]) -> str:
 
 
 def _under(under: str, name: str) -> str:
-    """Return `name` with the prefix `under` as a Python identifier: `_` in it for other characters, and after it."""
+    """Return a name with a prefix and `_` before it as a Python identifier; without a prefix the name itself.
+
+    Other characters of the prefix `under` than letters and digits become `_`.
+    """
     return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 
 def load(where: str) -> Any:
-    """Import the object that `where` names as `module:name`."""
+    """Return the object that `where` names as `module:name`, after importing the module."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)

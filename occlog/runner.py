@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
+from occlog.console.collection import COLLECTION
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs, previous_losses
@@ -29,10 +30,11 @@ class JobResult(NamedTuple):
 
     Attributes:
         summary: figures for the user.
-        losses: input that was lost.
+        losses: input that was lost in this run.
         earlier: input that was lost when the inputs were made.
-        failed: conditions that the user gave and that are met, each in words.
-        shown: text printed instead of the summary: as JSON, or for people; None: the summary.
+        failed: failure conditions (`--fail-if`) that are met, each as text.
+        shown: returns the text to print in place of the summary, as JSON (True) or for reading (False); None: the
+            summary is printed.
     """
 
     summary: dict[str, Any]
@@ -43,17 +45,17 @@ class JobResult(NamedTuple):
 
 
 def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> JobResult:
-    """Execute a request.
+    """Execute a request, and return its result.
 
     Args:
-        request: what to do.
-        overwrite: outputs that exist are replaced.
-        quiet: no progress and no notes.
+        request: the request.
+        overwrite: replace outputs that exist.
+        quiet: print no progress and no notes.
 
     Raises:
         OutputExistsError: an output exists and may not be replaced.
-        UsageError: an output is an input too, or values contradict each other.
-        InputError: an input is missing, damaged, or states something that cannot be.
+        UsageError: an output is also an input, or options contradict each other.
+        InputError: an input is missing, damaged, or states something impossible.
     """
     kind = request.kind_of_input()
     request.check_kind(kind)
@@ -62,15 +64,20 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
         ending = request.file_field(name).suffix
         if ending != TABLE:
             check_output_name(path, ending)
+    execute = load(request.RUN)
+    COLLECTION.resume()
     try:
-        done = JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+        done = JobResult(*execute(request, Job(request, overwrite, quiet, kind)))
     except InputError as error:
         raise _with_file(error, request) from error
     return _with_earlier(done, request.inputs)
 
 
 def _with_file(error: InputError, request: Request) -> InputError:
-    """Return the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
+    """Return an error with the path of the input file before its message: `a.csv: bearings: row 3: ...`.
+
+    Stages name only tables and scenes; an error with another message is returned as it is.
+    """
     noun, colon, _ = str(error).partition(": ")
     files = request.files(output=False)
     # Errors of other classes name an option or a place themselves
@@ -80,7 +87,7 @@ def _with_file(error: InputError, request: Request) -> InputError:
 
 
 def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
-    """Return the result with the losses recorded in the inputs, separate from the new ones."""
+    """Return the result with those losses that its inputs already recorded moved from `losses` to `earlier`."""
     if not done.losses:
         return done
     known = set(previous_losses(inputs))
@@ -89,7 +96,10 @@ def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
 
 
 def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
-    """Exit code of a request; `strict`: implausible results and minor losses count."""
+    """Return the exit code of an executed request.
+
+    `strict`: failed checks and minor losses also give an exit code above 0.
+    """
     if done.failed:
         return ExitCode.THRESHOLD
     lost = any(strict or not loss.minor for loss in done.losses)
@@ -100,13 +110,13 @@ def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """A request in execution: reading, reporting and writing for its run function.
+    """A request in execution; its run function reads, reports and writes through it.
 
     Attributes:
-        request: the request to run.
+        request: the request.
         overwrite: outputs that exist are replaced.
-        quiet: no progress and no notes.
-        kind: of the input, for requests that have several.
+        quiet: no progress and no notes are printed.
+        kind: kind of input, for requests that have several; otherwise empty.
     """
 
     request: Request
@@ -115,12 +125,12 @@ class Job:
     kind: str = ""
 
     def progress(self, items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-        """Generate the items, with a progress bar on a terminal.
+        """Generate `items`, with a progress bar on standard error if it is a terminal and the job is not quiet.
 
         Args:
-            items: what to generate.
+            items: items to generate.
             label: text before the bar.
-            total: number of items; None: unknown, or their length.
+            total: number of items; None: their length, or unknown.
         """
         return console.progress(items, label, total, quiet=self.quiet)
 
@@ -135,19 +145,19 @@ class Job:
         seed: int | None = None,
         inputs: Sequence[Path] | None = None,
     ) -> Provenance:
-        """Provenance of the outputs: command, parameters, and names and SHA-256 of all inputs.
+        """Return the provenance of the outputs: command, parameters, and names and SHA-256 of all inputs.
 
         Args:
-            parameters: on which the outputs depend.
+            parameters: parameters that the outputs depend on.
             losses: input that was lost.
-            seed: of random numbers; None: missing.
+            seed: seed of the random numbers; None: there are none.
             inputs: files that are read; None: those of the request.
         """
         hashed = hash_inputs(self.request.inputs if inputs is None else inputs)
         return Provenance(self.request.OWNER, dict(parameters), seed, hashed, tuple(losses))
 
     def judged(self, provenance: Provenance, checks: Iterable[Check]) -> Provenance:
-        """Add the checks of the outputs to the provenance, and report findings to the user."""
+        """Return the provenance with the checks of the outputs added; print their findings unless the job is quiet."""
         made = provenance.with_checks(checks)
         console.note_findings(texts_of(made.judged, self.request.OWNER), self.quiet)
         return made
@@ -160,13 +170,15 @@ class Job:
         wider: Mapping[str, type[ColumnTable]] | None = None,
         later: Collection[str] = (),
     ) -> Iterator[Tables]:
-        """Context manager: requested output tables, which appear together when the block ends without an error.
+        """Context manager that gives the writers of the requested output tables.
+
+        All files appear together when the block ends without an error.
 
         Args:
-            provenance: of all.
-            length_unit: of their lengths.
-            wider: forms of tables with more columns than those of the declared names, by field.
-            later: fields of tables that `Tables.open` opens.
+            provenance: provenance of all tables.
+            length_unit: unit of lengths in the tables.
+            wider: table classes with more columns than the declared ones, by field of the request.
+            later: fields of tables that are not opened here, but by `Tables.open`.
         """
         with ExitStack() as stack:
             tables = Tables(self, length_unit, stack, stack.enter_context(OutputGroup()))
@@ -177,27 +189,27 @@ class Job:
 
 
 class Tables:
-    """Writers of the output tables of a request, by its field; `open` opens one, `write` appends rows."""
+    """Writers of the output tables of a request, by field; `open` opens a table, `write` appends rows."""
 
     def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: OutputGroup) -> None:
-        """Start without open tables.
+        """Create the object without open tables.
 
         Args:
-            job: of which they are the outputs.
-            length_unit: of their lengths.
-            stack: closes them.
-            together: lets them appear.
+            job: job of which the tables are outputs.
+            length_unit: unit of lengths in the tables.
+            stack: closes the tables at its end.
+            together: output files that appear together.
         """
         self._job, self._unit, self._stack, self._together = job, length_unit, stack, together
         self._writers: dict[str, TableWriter] = {}
 
     def open(self, field: str, provenance: Provenance, wider: type[ColumnTable] | None = None) -> None:
-        """Open the table of a field if it is requested and a table.
+        """Open the table of a request's field; nothing happens if it is not requested, or if the output is no table.
 
         Args:
-            field: of the request.
-            provenance: of the table.
-            wider: the table where it has more columns than that of the declared name.
+            field: name of the request's field.
+            provenance: provenance of the table.
+            wider: table class with more columns than the declared one; None: the declared one.
         """
         path = self._job.request.files(output=True).get(field)
         name = self._job.request.file_field(field).table
@@ -213,17 +225,20 @@ class Tables:
             self._writers[field] = self._stack.enter_context(writer)
 
     def write(self, **parts: ColumnTable | None) -> None:
-        """Append rows to the open tables, by field; None is skipped."""
+        """Append rows to tables, given by field of the request; None and tables that are not open are skipped."""
         for name, part in parts.items():
             if part is not None and name in self._writers:
                 self._writers[name].write(part)
 
     def write_bytes(self, field: str, content: bytes) -> None:
-        """Write `content` to the file of the request field `field`, which is no table; it appears with the tables."""
+        """Write the whole content of an output that is no table; the file appears together with the tables.
+
+        `field`: name of the request's field, the file of which must be requested.
+        """
         with open_output(self._job.request.files(output=True)[field], self._job.overwrite, self._together) as file:
             file.write(content)
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance of all open tables before they are completed."""
+        """Replace the provenance of all open tables; possible until they are closed."""
         for writer in self._writers.values():
             writer.annotate(provenance)

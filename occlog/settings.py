@@ -29,13 +29,13 @@ C = TypeVar("C", bound="Settings")
 
 
 class SettingError(InputError):
-    """An invalid value of a setting.
+    """Invalid value of a setting.
 
     Attributes:
-        owner: owner of the setting: a method or a command.
-        setting: its name.
-        value: what it was to be.
-        limit: what it must be, in words.
+        owner: method or command that the setting belongs to.
+        setting: name of the setting.
+        value: the invalid value.
+        limit: condition on the value, in words.
     """
 
     default_id = "invalid-setting"
@@ -53,28 +53,29 @@ LONG_INTEGERS = ("seed", "_ns")
 
 @dataclass(frozen=True)
 class Declaration:
-    """Declaration of a setting in addition to its type and default.
+    """Declaration of a setting, in addition to its type and default.
 
     Attributes:
-        help: one sentence or more, for people.
-        unit: `s`, `px`, `rad`, `deg`, or a key of `LENGTH_POWER`; empty: a pure number.
-        at_least, above, at_most, below: the range; at most one of each pair.
-        choices: the texts that it may be.
-        several: several of `choices`, separated by commas.
-        counts: how many numbers a tuple may have; empty: any.
-        people: default where lengths are metres, feet or inches, given in metres (or by unit); None: the same.
-        own: default where the scene has its own unit; None: the same.
-        option: option of the command line, as click writes it (`--lag`, `--shadows/--no-shadows`); None: only --set.
-        metavar: how the option's value is called.
-        shown: how --help shows the default; None: as it is; empty: not at all.
-        nothing: what None means, in words.
-        scale: the option's number times this is the value, where people give another unit (degrees).
+        help: help text, one or more sentences.
+        unit: unit of the value: `s`, `px`, `rad`, `deg`, or a key of `LENGTH_POWER`; empty: a pure number or no number.
+        at_least, above, at_most, below: limits of the range; at most one of each pair.
+        choices: allowed texts; empty: any value of the type.
+        several: the value is several of `choices`, separated by commas.
+        counts: allowed lengths of a tuple; empty: any.
+        people: default for scenes in metres, feet or inches, given in metres or by unit; None: the common default.
+        own: default for scenes with a unit of their own; None: the common default.
+        option: option as click declares it (`--lag`, `--shadows/--no-shadows`); None: the setting is given by `--set`
+            only.
+        metavar: placeholder for the option's value in the help.
+        shown: text for the default in the help; None: the default itself; empty: no text.
+        nothing: text for None in the help and documentation.
+        scale: factor from the number given in the option to the value, where the option has another unit (degrees).
         repeat: the option may be repeated; each time it adds names, separated by commas.
-        whole: with `repeat`: each time the option adds one text, commas and all.
-        apart: the option takes the numbers of a tuple one after the other, not with commas.
-        frames: the option takes two whole numbers, as A:B with A < B.
-        size: the option takes two whole numbers above 0, as WIDTHxHEIGHT.
-        kinds: kinds of input that the setting is for, where the command has several; empty: all.
+        apart: the option takes the numbers of a tuple as separate words, without commas.
+        whole: with `repeat`: each time the option adds one text, including any commas.
+        frames: the option takes two integers as A:B with A < B.
+        size: the option takes two integers above 0 as WIDTHxHEIGHT.
+        kinds: kinds of input that the setting applies to, where the command has several; empty: all.
     """
 
     help: str
@@ -101,7 +102,10 @@ class Declaration:
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
-        """Return the range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
+        """Return the allowed range as text, for example `above 0 and at most 1` or `one of a, b`.
+
+        Empty if unlimited.
+        """
         if self.choices:
             return ("of " if self.several else "one of ") + ", ".join(self.choices)
         ends = (
@@ -113,7 +117,10 @@ class Declaration:
         return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
 
     def holds(self, value: Any) -> bool:
-        """Whether `value`, a number, text or tuple, is in the range or among the choices; True for None."""
+        """Return whether a number, text or tuple is allowed: in the range, among the choices or of an allowed length.
+
+        None is always allowed.
+        """
         if value is None:
             return True
         if self.choices:
@@ -130,20 +137,24 @@ class Declaration:
 
 
 def setting(default: Any, help: str, **declared: Any) -> Any:
-    """Declare a field of a settings class, for use as its default in a dataclass.
+    """Declare a field of a settings class; the result is the field's default in a dataclass.
 
     Args:
-        default: default value, lengths in metres (see `default_in`).
-        help: sentence for the help of the option and for the documentation.
-        **declared: further fields of the `Declaration`.
+        default: default value; lengths are in metres (see `default_in`).
+        help: help text of the option and of the documentation.
+        **declared: further attributes of the `Declaration`.
     """
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
 def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
-    """Declare a field with the default and `Declaration` of the field `name` of the settings class `of`.
+    """Declare a field with the default and the declaration of a field in another settings class.
 
-    `help` and `declared` replace the help and other fields of that declaration.
+    Args:
+        of: settings class that declares the field.
+        name: name of the field in `of`.
+        help: help text that replaces the original one.
+        **declared: further attributes of the `Declaration` that are replaced.
     """
     other = next(f for f in fields(of) if f.name == name)
     return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
@@ -156,15 +167,19 @@ def declaration(of: Field[object]) -> Declaration:
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """Names in a text, separated by commas; spaces around them and empty ones are dropped."""
+    """Return the parts of a text between commas, stripped of spaces; empty parts are dropped."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Base class of settings: frozen, and validated on construction.
+    """Base class of settings: an immutable dataclass that is checked on construction.
 
-    `OWNER` is the name of the method or the command, for messages.
+    Attributes:
+        OWNER: name of the method or command that the settings belong to, for messages.
+
+    Raises:
+        SettingError: a value of another type or out of its range, or a violated rule between settings.
     """
 
     OWNER: ClassVar[str]
@@ -177,17 +192,23 @@ class Settings:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rules between settings: name of the wrong one, whether the rule holds, and its text."""
+        """Generate the rules between settings: (name of the setting at fault, whether the rule holds, rule as text)."""
         return ()
 
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
-        """Return the default settings for a scene with this length unit."""
+        """Return the default settings for a scene in `length_unit`."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
 def _check(of: type[Settings], f: Field[object], value: Any) -> None:
-    """SettingError if `value` does not fit the field `f` of the settings class `of`: type, not finite, out of range."""
+    """Raise SettingError for a value of another type, not finite, or out of its range.
+
+    Args:
+        of: settings class.
+        f: field of that class.
+        value: value of the field.
+    """
     spec, kind = declaration(f), kind_of(of, f.name)
     if not (value is None and optional(kind)) and not _is_a(value, kind):
         raise SettingError(of.OWNER, f.name, repr(value), spec.limit() if spec.choices else KIND_WORDS[item_kind(kind)])
@@ -218,7 +239,7 @@ KIND_WORDS: dict[type | tuple[type, type], str] = {
 
 
 def item_kind(kind: object) -> type | tuple[type, type]:
-    """Return the key of an annotated type in `KIND_WORDS`: the plain type without None, or (tuple, item type)."""
+    """Return the key in `KIND_WORDS` of an annotated type, without None: a plain type, or (tuple, type of items)."""
     plain = plain_kind(kind)
     if plain is not tuple:
         return plain
@@ -227,7 +248,10 @@ def item_kind(kind: object) -> type | tuple[type, type]:
 
 
 def _is_a(value: object, kind: object) -> bool:
-    """Whether a value is of the annotated type `kind`; an int is accepted as a float, a bool is not."""
+    """Return whether a value has the annotated type `kind`, ignoring None.
+
+    An int is accepted as a float, a bool as neither; NumPy scalars are accepted as numbers.
+    """
     key = item_kind(kind)
     if isinstance(key, tuple):
         items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
@@ -243,15 +267,17 @@ def counted(counts: tuple[int, ...]) -> str:
 
 
 def declared(of: type[Settings]) -> tuple[Field[object], ...]:
-    """Fields of a class that are settings, in order of declaration."""
+    """Return the fields of a class that are settings, in order of declaration."""
     return tuple(f for f in fields(of) if "setting" in f.metadata)
 
 
 def default_in(f: Field[object], length_unit: str) -> object:
-    """Default value of the settings field `f` for a scene in `length_unit`.
+    """Return the default value of a setting for scenes in `length_unit`.
 
-    Lengths are declared in metres, and converted to that unit by the power of length in the setting's unit; a unit
-    other than those of `METRES` is specific to the scene, and takes the setting's `own` default.
+    Lengths are declared in metres, and converted by the power of length in the setting's unit. In a unit that is not in
+    `METRES`, and so specific to the scene, the setting's `own` default applies.
+
+    `f`: field that declares the setting.
     """
     spec = declaration(f)
     if length_unit not in METRES:
@@ -267,7 +293,7 @@ def default_in(f: Field[object], length_unit: str) -> object:
 
 
 def configure(config: C, values: Mapping[str, object]) -> C:
-    """Return a copy of the settings with `values` by name; texts are parsed to the type of the setting.
+    """Return a copy of the settings with the given values, by name; texts are parsed to the type of the setting.
 
     Raises:
         UsageError: an unknown setting, or an invalid text.
@@ -277,15 +303,15 @@ def configure(config: C, values: Mapping[str, object]) -> C:
 
 
 def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> None:
-    """Check the value of one setting, without relations to others.
+    """Check the value of a single setting, without the rules between settings.
 
     Args:
-        of: classes of settings; the first that has the setting is meant.
-        name: of the setting.
-        value: a value, or a text that states one.
+        of: settings classes; the first one that has the setting applies.
+        name: name of the setting.
+        value: a value, or a text to parse.
 
     Raises:
-        UsageError: none of them has the setting, or a text is no value of it.
+        UsageError: no class has the setting, or the text is invalid.
         SettingError: a value out of its range.
     """
     owner = next((each for each in of if name in _names(each)), None)
@@ -303,7 +329,11 @@ def _names(of: type[Settings]) -> list[str]:
 
 
 def _read(of: type[Settings], name: str, value: object) -> object:
-    """Return the value of a setting, parsed if it is a text; UsageError for an unknown setting or an invalid text."""
+    """Return the value of a setting; a text is parsed to the type of the setting.
+
+    Raises:
+        UsageError: the settings class `of` has no setting `name`, or the text is invalid.
+    """
     if name not in _names(of):
         raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
@@ -314,35 +344,38 @@ def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
 
 
 def kind_of(of: type, name: str) -> object:
-    """Return the type of a setting as annotated, for example `float | None`."""
+    """Return the annotated type of the setting `name` in the class `of`, for example `float | None`."""
     return _kinds(of)[name]
 
 
 @functools.cache
 def _kinds(of: type) -> Mapping[str, object]:
-    """Types of all settings, cached, since evaluating annotations is slow."""
+    """Return the annotated types of all fields of a class, by name; cached, since evaluating annotations is slow."""
     return typing.get_type_hints(of)
 
 
 def plain_kind(kind: object) -> type:
-    """Return the annotated type `kind` without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
+    """Return the plain type of an annotation: `float` of `float | None`, `tuple` of any tuple."""
     if isinstance(kind, types.UnionType):
         kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
     return typing.cast(type, typing.get_origin(kind) or kind)
 
 
 def optional(kind: object) -> bool:
-    """Whether a setting of the annotated type `kind` may be None."""
+    """Return whether the annotated type `kind` includes None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 
 def read_value(text: str, kind: object, name: str) -> object:
-    """Parse a text to the value of a setting; UsageError if invalid.
+    """Parse a text to the value of a setting.
 
     Args:
-        text: for example `0.5`, `yes` or `a,b`; `none` or nothing is None where the setting is optional.
-        kind: type annotation of the setting.
-        name: of the setting, for the message.
+        text: text such as `0.5`, `yes` or `a,b`; `none` or an empty text is None where the setting is optional.
+        kind: annotated type of the setting.
+        name: name of the setting, for messages.
+
+    Raises:
+        UsageError: the text is invalid.
     """
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
@@ -361,9 +394,10 @@ def read_value(text: str, kind: object, name: str) -> object:
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
-    """Return two integers in a text: a range A:B with A < B or, with `size`, a size WIDTHxHEIGHT.
+    """Parse two integers: a range A:B with A < B or, with `size`, a size WIDTHxHEIGHT; a missing A is 0.
 
-    UsageError for any other text.
+    Raises:
+        UsageError: any other text.
     """
     pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
     found = re.fullmatch(pattern, text.strip())
@@ -375,13 +409,16 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:
-    """JSON Schema of an object with some of the settings; missing ones have their defaults."""
+    """Return the JSON Schema of an object with settings of the class `of`; missing ones have their defaults."""
     properties = {f.name: _property(of, f) for f in declared(of)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
-    """Return the JSON Schema of the field `f` of the settings class `of`, with a different default for metres."""
+    """Return the JSON Schema of one setting; a default that differs for scenes in metres is in `default_in_metres`.
+
+    `f`: field of the settings class `of`.
+    """
     spec, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]

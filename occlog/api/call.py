@@ -37,19 +37,19 @@ def settings_by_class(
     classes: Sequence[tuple[str, type[Settings]]],
     arguments: Collection[str],
 ) -> list[dict[str, object]]:
-    """Distribute keywords to the settings classes that declare them; one in several classes is set in all.
+    """Distribute keyword arguments to the settings classes that declare them.
+
+    A keyword that several classes declare is set in all of them. Return a dict of settings by name for each class.
 
     Args:
         verb: command or method, for messages.
-        keywords: names and values.
-        classes: each with the prefix of its settings in the keywords, mostly empty.
-        arguments: names of the function's other arguments, for hints.
-
-    Returns:
-        Settings by name, for each class.
+        keywords: values of settings by name.
+        classes: (prefix, settings class); the prefix comes before the names of its settings in `keywords`, and is
+            mostly empty.
+        arguments: names of the function's other arguments, as suggestions in messages.
 
     Raises:
-        UsageError: no class has a setting of that name; the message has the nearest name.
+        UsageError: no class declares the setting; the message has the nearest name.
     """
     names = [{begin + f.name: f.name for f in fields(of)} for begin, of in classes]
     known = sorted(set().union(*names))
@@ -65,9 +65,15 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """Return a value in the type of the field `name` of the settings class `of`: 1 becomes 1.0, a list a tuple.
+    """Return a value of a Python argument in the declared type of a setting, without checking it.
 
-    NumPy scalars become Python numbers, names of a sequence a text with commas. Values are not checked here.
+    An int becomes a float where floats are declared, a sequence a tuple, a NumPy scalar a Python number, and a sequence
+    of texts one text with commas. Texts and None are returned as they are.
+
+    Args:
+        of: settings class that declares the setting.
+        name: name of the setting.
+        value: value of the argument.
     """
     kind = kind_of(of, name)
     plain = plain_kind(kind)
@@ -87,7 +93,7 @@ def declared_value(of: type[Settings], name: str, value: object) -> object:
 
 
 def names_of(value: str | Sequence[str]) -> tuple[str, ...]:
-    """Return the sensor names of an argument: one, several in a sequence, or separated by commas."""
+    """Return the sensor names in an argument: one text, several separated by commas, or a sequence of such texts."""
     texts = [value] if isinstance(value, str) else list(value)
     return tuple(part.strip() for text in texts for part in str(text).split(",") if part.strip())
 
@@ -104,17 +110,21 @@ def call(
 ) -> R:
     """Execute the request of an API function, and return its result.
 
+    Findings and losses are also issued as Python warnings.
+
     Args:
-        form: of the request.
-        arguments: those of the function by name: fields of the request, groups of settings that are one argument,
-            `settings` (keywords), `also` (names of tables on request), paths of outputs, `overwrite` and `progress`.
+        form: form of the request.
+        arguments: arguments of the function by name: fields of the request; groups of settings that are one argument;
+            `settings` (keyword arguments); `also` (names of optional tables); paths of outputs; `overwrite` and
+            `progress`.
         result: class of the return value.
-        called: names of inputs for messages, by those of fields (`field[0]` of several files), where they differ.
-        more: make attributes of the result from the request, while its inputs are there.
+        called: names of inputs in messages by field name (`field[0]` for one of several files), where the two differ.
+        more: functions from the request to further attributes of the result, by name; they are called while the
+            temporary input files still exist.
 
     Raises:
-        UsageError: a setting that is not there, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or states something that cannot be.
+        UsageError: an unknown setting, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or impossible.
     """
     home = Folder()
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
@@ -135,17 +145,15 @@ def call(
 
 
 def record(form: Form, arguments: Mapping[str, Any]) -> Recording:
-    """Execute a request that makes a recording.
+    """Execute a request that makes a recording, and return the recording; its `summary` includes the `notes`.
 
     Args:
-        form: of the request.
-        arguments: as for `call`, with `overwrite` and `output`; None: a folder that goes with the last reference to it.
-
-    Returns:
-        The recording; its `summary` has `notes`.
+        form: form of the request.
+        arguments: arguments as for `call`, with `output`: path of the recording, or None for a temporary folder, which
+            is removed with the last reference to the recording.
 
     Raises:
-        OutputExistsError: the output is there, and may not be replaced.
+        OutputExistsError: the output exists and may not be replaced.
     """
     home, output = Folder(), arguments["output"]
     path = home.file("recording.mcap") if output is None else Path(output)
@@ -169,15 +177,15 @@ def check_taken(
     verb: Verb | None = None,
     settings: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
-    """UsageError for an argument or requested table that a form of a request does not have.
+    """Raise UsageError for an argument or an optional table that the chosen form of a request does not have.
 
     Args:
-        form: of the request.
-        given: arguments of which forms may lack some.
-        also: names of tables.
-        called: how the form is called.
-        verb: the other kinds of requests, one of which may have it.
-        settings: keywords; those that no kind has are left to what reads them.
+        form: chosen form of the request.
+        given: arguments that some forms lack, by name; None, False and () count as not given.
+        also: names of the tables requested by the argument `also`.
+        called: words for the form in messages.
+        verb: the command's other kinds of requests, which are suggested where they have the argument.
+        settings: keyword arguments; those that no kind has are not checked here.
     """
     entries = list(form.entries())
     taken = _arguments_of(form)
@@ -197,17 +205,17 @@ def check_taken(
 
 
 def _arguments_of(form: Form) -> set[str]:
-    """Names of a form's arguments, and of its settings that have an option."""
+    """Return the names of a form's fields and of its settings that have an option of their own."""
     return {name for entry in form.entries() for name in (entry.field, entry.of.name)}
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
-    """Return the paths of the requested output files by request field.
+    """Return the paths of the requested output files, by entry of the request.
 
     Args:
-        form: of the request.
-        arguments: of the call; an output is requested by its path, or by True, which takes a file in `home`.
-        home: temporary folder of the result.
+        form: form of the request.
+        arguments: arguments of the call; an output is requested by a path, or by True for a temporary file.
+        home: folder of temporary files.
     """
     found = {}
     for entry in form.entries():
@@ -220,9 +228,9 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
 
 
 def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
-    """Return a copy of the request without default outputs that its kind of input does not have.
+    """Return a copy of the request without those default outputs that do not apply to its kind of input.
 
-    `outputs`: paths of all outputs, by request field.
+    `outputs`: paths of all outputs, by entry of the request.
     """
     unfit = (entry for entry in request.unfit(request.kind_of_input()) if entry.name in outputs)
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
@@ -236,13 +244,15 @@ def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
 
 
 def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
-    """Return an argument as the type of the request's field; None if it is missing, or names an output.
+    """Return an argument of a call in the type of the request's field.
+
+    None if it is not given, or if it names an output.
 
     Args:
-        entry: the field.
-        arguments: of the call, by field.
-        inputs: writes tables and arrays to files that the request can name.
-        called: argument names that differ from the fields, for named inputs such as `NAME=FILE`.
+        entry: the field or setting.
+        arguments: arguments of the call, by name.
+        inputs: writes tables in memory to temporary files, which the request can name.
+        called: names of inputs in messages by field name, where the two differ.
     """
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
@@ -265,12 +275,15 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
 
 
 def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
-    """Return the selected plug-ins of a kind with their settings.
+    """Return the selected plug-ins of one kind, with their settings.
 
     Args:
-        value: names, or mapping from names to settings.
-        kind: of the plug-ins, for example `filter`.
-        name: of the argument, for messages.
+        value: names of plug-ins, or settings by name of plug-in.
+        kind: kind of plug-in, for example `metric`.
+        name: name of the argument, for messages.
+
+    Raises:
+        UsageError: no such plug-in, or an unknown setting.
     """
     given = value if isinstance(value, Mapping) else {each: {} for each in value}
     found = []
@@ -282,22 +295,23 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """Return a value as an option takes it; items of a sequence are separated by commas."""
+    """Return a value as typed on the command line; items of a sequence are separated by commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 
 def _named(inputs: CallInputs, value: Any, name: str) -> Path:
+    """Return the path of a file with an input's rows; a temporary file is called `name` in messages."""
     path = inputs.rows(value, name)
     return path if isinstance(value, str | os.PathLike) else inputs.called(path, name)
 
 
 def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, object]]:
-    """Return the settings of a request by field of the request: for each group the values by setting.
+    """Return the given settings of a request: for each group (a field of the request) the values by setting.
 
     Args:
-        form: of the request.
-        arguments: of the call; a group is a mapping (or True: its defaults), or its settings are single entries of
-            `settings`, with the prefix of the group.
+        form: form of the request.
+        arguments: arguments of the call. A group is one argument (a mapping of its settings, or True for its defaults),
+            or its settings are keyword arguments in `settings`, with the prefix of the group.
     """
     classes = form.classes()
     nested = {name for name in classes if name in arguments and name != "settings"}

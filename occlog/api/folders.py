@@ -26,7 +26,7 @@ class Folder:
     """A temporary folder, removed with the last reference to it, or when Python ends."""
 
     def __init__(self) -> None:
-        """Create the folder under `TMPDIR`; it is deleted with this object, or by `remove`."""
+        """Create the folder under `TMPDIR`; it is removed with this object, or by calling `remove`."""
         self.path = _Home.of_this_process().new()
         # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
         # that was forked
@@ -37,22 +37,28 @@ class Folder:
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the paths of the Parquet files of the tables `names` that exist in the folder, by name."""
+        """Return the paths of those tables among `names` that exist in the folder as Parquet files, by name."""
         paths = {name: self.file(f"{name}.parquet") for name in names}
         return {name: path for name, path in paths.items() if path.is_file()}
 
     def without_paths(self, summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a copy of the figures of a summary without those that are paths of temporary files."""
+        """Return a copy of a summary without the entries that are paths in this folder."""
         return {name: value for name, value in summary.items() if not str(value).startswith(str(self.path))}
 
 
 class _Home:
-    """Folder of a process that contains all its temporary folders."""
+    """Folder that contains all temporary folders of a process; it is locked while the process lives.
+
+    Attributes:
+        known: the folder of this process, or of the process from which it was forked; None: not created yet.
+        process: id of the process that created it.
+        path: path of the folder.
+    """
 
     known: _Home | None = None
 
     def __init__(self) -> None:
-        """Create and lock a new folder under `TMPDIR`, and remove abandoned ones of ended processes."""
+        """Create and lock a new folder under `TMPDIR`, and remove the folders of processes that have ended."""
         self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path)
         self._numbers = count(1)
@@ -75,9 +81,9 @@ class _Home:
 
 
 def _locked(folder: Path) -> int | None:
-    """Lock a folder until this process ends; return the lock's file descriptor.
+    """Lock a folder until this process ends, and return the file descriptor of the lock.
 
-    None if it is locked by another process, or locks are unsupported.
+    None if another process has locked it, or the system has no such locks.
     """
     try:
         import fcntl
@@ -96,7 +102,10 @@ def _locked(folder: Path) -> int | None:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove folders of ended processes, if locks are supported."""
+    """Remove the temporary folders of this user's processes that have ended; only on systems with file locks.
+
+    `parent`: folder that contains them. Folders younger than `FRESH_S` remain, since they may not be locked yet.
+    """
     if not hasattr(os, "getuid"):  # Windows
         return
     for path in parent.glob(f"{PREFIX}*"):

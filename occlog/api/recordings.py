@@ -1,6 +1,6 @@
-"""Opens recordings and tables in Python, without a command.
+"""Recordings and tables opened in Python without a command, and inputs of API functions.
 
-Values that a function takes in place of files: tables in memory become files for the length of a call.
+Tables in memory that are given in place of files become temporary files during a call.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Sensor(NamedTuple):
     """A sensor of a scene.
 
     Attributes:
-        name: of the sensor.
+        name: name of the sensor.
         kind: `camera`, `array` (of microphones) or `reader` (of radio tags).
-        placed: its pose is known.
+        placed: whether its pose is known.
     """
 
     name: str
@@ -46,10 +46,14 @@ class Sensor(NamedTuple):
 
 
 class Recording:
-    """A recording: its scene, its sensors, its tables, and the losses when it was made.
+    """A recording: its scene, sensors and tables, and the input that was lost when it was made.
 
-    Every function of occlog takes a recording in place of a file. A table is read when it is asked for:
+    Every function of occlog accepts a recording in place of a file. A table is read on first use, for example by
     `recording["truth"]`.
+
+    Attributes:
+        source: path of the file.
+        summary: what the command that made the recording reported; empty for an opened file.
     """
 
     def __init__(
@@ -58,12 +62,13 @@ class Recording:
         summary: Mapping[str, object] | None = None,
         home: Folder | None = None,
     ) -> None:
-        """Take a file; use `occlog.open`.
+        """Create the object for a file; users call `occlog.open` instead.
 
         Args:
-            path: of the recording.
-            summary: what the command that made it states about it.
-            home: its folder, which is removed with the last reference to it.
+            path: path of the recording.
+            summary: what the command that made the recording reported.
+            home: temporary folder that contains the recording, removed with the last reference to it; None: not
+                temporary.
         """
         self.source = path
         self.summary: Mapping[str, object] = {} if summary is None else summary
@@ -76,12 +81,12 @@ class Recording:
 
     @property
     def scene(self) -> Scene | None:
-        """Room, occluders and sensors; None: the recording holds none."""
+        """Room, occluders and sensors; None: the recording contains no scene."""
         return self._opened.scene
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensors of the scene; if missing, the cameras that have frames."""
+        """Sensors of the scene; without a scene, the cameras that have frames."""
         scene, recording = self.scene, self._opened.recording
         if scene is None:
             return tuple(Sensor(n, "camera", False) for n in (() if recording is None else recording.cameras))
@@ -93,12 +98,12 @@ class Recording:
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables that the recording holds."""
+        """Names of the tables that the recording contains."""
         return tuple(name for name, table in TABLES.items() if self._opened.has(table))
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Input that was lost when it was made."""
+        """Input that was lost when the recording was made."""
         return self._opened.losses
 
     @property
@@ -107,11 +112,11 @@ class Recording:
         return self._opened.provenance.as_dict()
 
     def __getitem__(self, name: str) -> Table:
-        """A table of the recording.
+        """Return the table `name` of the recording, for example `truth`.
 
         Raises:
-            UsageError: there is no table of that name.
-            InputError: the recording does not hold it, or is damaged.
+            UsageError: there is no kind of table with that name.
+            InputError: the recording does not contain it, or is damaged.
         """
         if name not in self._tables:
             self._tables[name] = _stored(self._opened, _table_of(name))
@@ -134,7 +139,7 @@ class Recording:
 
 
 def open(path: str | os.PathLike[str]) -> Recording:
-    """Open a recording, or a file with one table, which is then a recording without a scene.
+    """Open a recording or a file with one table; such a file becomes a recording without a scene.
 
     Args:
         path: a recording (MCAP), a table of occlog (Parquet), or one of another program (Parquet, Arrow, CSV).
@@ -148,17 +153,18 @@ def open(path: str | os.PathLike[str]) -> Recording:
 
 
 def read(source: Source, table: str | None = None) -> Table:
-    """Read a table: of a file, a DataFrame, a dict of columns, or out of a recording.
+    """Read a table from a file, a DataFrame, a dict of columns, or a recording.
 
-    What other programs made is known by its columns, as on the command line; times, units and identities are checked.
+    A table of another program is recognised by its columns, as on the command line; times, units and identities are
+    checked.
 
     Args:
-        source: where the rows are.
-        table: which table is requested; None: the one that it is, or that its columns fit best.
+        source: source of the rows.
+        table: name of the table to read; None: the kind of the source, or the kind that its columns fit best.
 
     Raises:
-        InputError: it is no such table; the message has column, row and the nearest name.
-        UsageError: there is no table of that name, or a recording holds several.
+        InputError: the source is no such table; the message has column, row and the nearest name.
+        UsageError: no kind of table has that name, or a recording contains several and `table` is None.
     """
     wants = () if table is None else (_table_of(table),)
     if isinstance(source, Recording):
@@ -180,11 +186,13 @@ def read(source: Source, table: str | None = None) -> Table:
 
 
 def read_scene(source: SceneSource) -> Scene:
-    """Read a scene: a file (YAML), a recording that holds one, or a table of stations (name, x, y, perhaps z).
+    """Read a scene from a file (YAML), a recording, or a table of stations (name, x, y and optionally z).
+
+    A `Scene` is returned as it is.
 
     Raises:
-        InputError: the file is missing or damaged, or states something that cannot be.
-        UsageError: the recording holds no scene.
+        InputError: the file is missing, damaged, or states something impossible.
+        UsageError: the recording contains no scene.
     """
     if isinstance(source, Scene):
         return source
@@ -213,7 +221,16 @@ def _only(names: tuple[str, ...], wanted: str | None) -> str:
 
 
 def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
-    """Store the rows of an opened input as a table of occlog in the folder `home`, and return it."""
+    """Return the rows of an opened input as a table of occlog; if they are not one yet, they are written to a file.
+
+    Args:
+        opened: the input.
+        table: kind of table.
+        home: temporary folder for the file; None: a new one.
+
+    Raises:
+        InputError: the input contains no such table.
+    """
     from occlog.io.files.tables.table_writer import TableWriter
 
     if opened.recording is None and opened.external_table is None:
@@ -228,7 +245,7 @@ def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Ta
 
 
 class ArrowStream(Protocol):
-    """A table in memory with the Arrow PyCapsule interface: of polars, DuckDB, pyarrow or similar."""
+    """A table in memory that supports the Arrow PyCapsule interface, for example of polars, DuckDB or pyarrow."""
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Return a PyCapsule of an `ArrowArrayStream`, as the Arrow PyCapsule interface specifies."""
@@ -241,44 +258,44 @@ SceneSource: TypeAlias = "Source | Scene"
 
 
 class CallInputs:
-    """The inputs of one call; tables in memory are files until it ends.
+    """Inputs of one call, as a context manager; tables in memory are written to files that exist until the call ends.
 
-    Errors inside the block name the argument in place of such a file, and arguments in place of options.
+    Errors raised inside the block name the argument in place of such a file, and arguments in place of options.
     """
 
     def __init__(self, arguments: Mapping[str, str] | None = None) -> None:
-        """Start without inputs.
+        """Create the object without any input.
 
         Args:
-            arguments: names of arguments by those of what a request takes, where they differ.
+            arguments: names of arguments by key of the request's field or setting, where the two differ.
         """
         self._arguments = arguments or {}
         self._folder = Folder()
         self._names: dict[str, str] = {}
 
     def __enter__(self) -> Self:
-        """Begin the call; messages spell options as arguments."""
+        """Begin the call; from now on messages of this thread spell options as arguments."""
         self._spelling = SPELLING.set(self._as_argument)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Delete the temporary files; texts of an `OcclogError` name the arguments of the call instead of files."""
+        """Delete the temporary files; the message of an `OcclogError` is changed to name arguments instead of them."""
         self._folder.remove()
         if isinstance(error, OcclogError):
             error.args = (self.named(str(error)),)
         SPELLING.reset(self._spelling)
 
     def rows(self, value: Source, name: str) -> Path:
-        """Return the path of a file with the rows of an argument; rows in memory are written to a temporary one.
+        """Return the path of a file with the rows of an argument; rows in memory are written to a temporary file.
 
         Args:
             value: path, table, recording, or rows in memory.
-            name: of the argument.
+            name: name of the argument.
 
         Raises:
-            InputError: it is nothing that holds rows, or its columns do not go together.
+            InputError: the value holds no rows, or its columns do not fit each other.
         """
         from .tables import Table
 
@@ -291,18 +308,18 @@ class CallInputs:
         return self.called(path, name)
 
     def called(self, path: Path, name: str) -> Path:
-        """Register a file under the name of an argument, by which errors name it; return its path."""
+        """Register the name of an argument by which messages call a file, and return the file's path."""
         self._names[str(path)] = name
         return path
 
     def optional(self, value: Source | None, name: str) -> Path | None:
-        """Return the path of a file with the rows of an argument (as `rows`); None for None."""
+        """Return the path of a file with the rows of an argument as `rows` does; None for None."""
         return None if value is None else self.rows(value, name)
 
     def scene(self, value: SceneSource | None) -> Path | None:
-        """Return the path of a scene's file; None for None.
+        """Return the path of a file with a scene; None for None.
 
-        A `Scene` and a table of stations in memory are written to a temporary one.
+        A `Scene` and a table of stations in memory are written to a temporary file.
         """
         from .tables import Table
 
@@ -323,20 +340,23 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """Return a message in which names of temporary files are replaced by those of arguments."""
+        """Return a message with the paths of temporary files replaced by the names of arguments."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text
 
     def _as_argument(self, name: str) -> str:
-        """Return the name of a request field or setting as that of the argument, for messages."""
+        """Return the key of a request's field or setting as spelled in Python: the argument's name, or `setting=`."""
         free = name.removeprefix("set.")
         return self._arguments.get(name, name) if free == name else f"{free}="
 
 
 @contextmanager
 def in_memory(name: str) -> Iterator[None]:
-    """Context manager that converts failures of pyarrow with a value in memory to InputError naming the argument."""
+    """Context manager that converts errors of pyarrow with a value in memory to InputError.
+
+    `name`: argument that the message names.
+    """
     import pyarrow as pa
 
     try:
@@ -350,16 +370,16 @@ def in_memory(name: str) -> Iterator[None]:
 
 
 def arrow_of(value: object, name: str) -> Any:
-    """A `pyarrow.Table` of a value in memory.
+    """Return a value in memory as a `pyarrow.Table`.
 
-    A pandas index that has a name becomes a column, any other is dropped.
+    A named index of a pandas DataFrame becomes a column, an unnamed one is dropped.
 
     Args:
-        value: a DataFrame of pandas, anything with `__arrow_c_stream__`, or a dict of columns.
-        name: of the argument, for messages.
+        value: DataFrame of pandas, object with `__arrow_c_stream__`, or dict of columns.
+        name: name of the argument, for messages.
 
     Raises:
-        InputError: it is none of these, or its columns do not go together.
+        InputError: the value is none of these, or its columns do not fit each other.
     """
     import pyarrow as pa
 
@@ -384,7 +404,7 @@ def arrow_of(value: object, name: str) -> Any:
 
 
 def write_arrow(table: Any, path: Path) -> None:
-    """Write a `pyarrow.Table` as an Arrow file without occlog's metadata, i.e. as an external table."""
+    """Write a `pyarrow.Table` to an Arrow file without metadata, so that it is read as a table of another program."""
     import pyarrow as pa
 
     bare = table.replace_schema_metadata(None)

@@ -1,4 +1,4 @@
-"""Results of functions: tables, figures, and findings against them; a notebook shows it."""
+"""Results of API functions: tables, figures and findings, which a notebook shows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PACKAGE = os.path.dirname(occlog.__file__) + os.sep  # noqa: PTH120
 class OcclogWarning(UserWarning):
     """Warning: estimates are implausible, or input was lost; the message names cause and remedy.
 
-    `warnings.simplefilter("error", occlog.OcclogWarning)` makes it an error.
+    `warnings.simplefilter("error", occlog.OcclogWarning)` turns it into an error.
     """
 
 
@@ -38,11 +38,11 @@ class Result:
     """Result of a function.
 
     Attributes:
-        summary: figures of the whole run, as the command prints them by `--json`.
-        tables: by name; `result["diagnostics"]` is one of them.
+        summary: figures of the whole run, as the command prints them with `--json`.
+        tables: tables by name; `result["diagnostics"]` returns one of them.
         losses: input that was lost while reading.
-        warnings: findings against the estimates, each a sentence; they were Python warnings, too.
-        notes: what else a user must know.
+        warnings: findings that question the estimates, one sentence each; they were issued as Python warnings, too.
+        notes: further remarks of the command.
     """
 
     summary: Mapping[str, Any]
@@ -53,7 +53,7 @@ class Result:
 
     @property
     def plausible(self) -> bool | None:
-        """True if all checks of the estimates passed; None: unchecked."""
+        """True if all checks of the estimates passed, False if one failed; None: unchecked."""
         found: bool | None = self.summary.get("plausible")
         return found
 
@@ -68,7 +68,11 @@ class Result:
         return next((table.provenance for table in self.tables.values()), {})
 
     def __getitem__(self, name: str) -> Table:
-        """A table of the result; InputError if no table has that name."""
+        """Return the table `name` of the result.
+
+        Raises:
+            InputError: the result has no table of that name.
+        """
         if name not in self.tables:
             raise InputError(
                 f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}", id="unknown-name"
@@ -81,7 +85,7 @@ class Result:
         return f"<occlog {type(self).__name__}: {tables or 'no tables'}{judged}>"
 
     def _repr_html_(self) -> str:
-        """Return HTML of the figures, warnings, losses and notes of the result, which notebooks show."""
+        """Return HTML that a notebook shows: figures, warnings, losses and notes, and the picture if there is one."""
         shown = {k: v for k, v in self._figures().items() if v not in ({}, [], ())}
         rows = "".join(
             f"<tr><th>{escape(k.replace('_', ' '))}</th><td>{escape(in_words(v))}</td></tr>" for k, v in shown.items()
@@ -92,7 +96,7 @@ class Result:
         return f"<table>{rows}</table>" + (f"<ul>{lines}</ul>" if lines else "") + self._picture()
 
     def _figures(self) -> Mapping[str, object]:
-        """Return the entries of the summary that a notebook lists: all without the warnings."""
+        """Return the entries of the summary that a notebook lists: all except the warnings."""
         return {k: v for k, v in self.summary.items() if k != "warnings"}
 
     def _picture(self) -> str:
@@ -102,17 +106,17 @@ class Result:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackResult(Result):
-    """Tracks, with diagnostics of the filter.
+    """Tracks, with the diagnostics and other tables of the tracking method.
 
     Attributes:
-        scene: where the targets are; None: it is not known.
+        scene: scene in which the targets move; None: unknown.
     """
 
     scene: Scene | None = None
 
     @property
     def tracks(self) -> Table:
-        """The estimates: `tracks`, or `view_tracks` of a method that tracks in images."""
+        """Table of the estimates: `tracks`, or `view_tracks` or `boxes` of a method that tracks in images."""
         return next(iter(self.tables.values()))
 
     def _picture(self) -> str:
@@ -136,31 +140,35 @@ class TrackResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectResult(Result):
-    """Bearings of the targets, and all detected people."""
+    """Bearings of targets or candidates, with the detected regions (views) that they were made from."""
 
     @property
     def bearings(self) -> Table:
-        """Table of bearings, which includes the frames without a detection."""
+        """Table of bearings; it includes the frames without a detection."""
         return self["bearings"]
 
     @property
     def views(self) -> Table:
-        """Regions of the size of people, of every frame."""
+        """Table of detected regions in the images of all frames; InputError if there is none."""
         return self["views"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EvaluateResult(Result):
-    """Figures of merit.
+    """Figures of an evaluation.
 
     Attributes:
-        metrics: by name, which ends in the unit: `rmse_m`, `nees`.
+        metrics: figures by name; the end of the name is the unit (`rmse_m`), except for pure numbers (`nees`).
     """
 
     metrics: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
-        """A figure or a table; InputError if no table has that name."""
+        """Return the figure or the table `name`.
+
+        Raises:
+            InputError: there is neither a figure nor a table of that name.
+        """
         return self.metrics[name] if name in self.metrics else super().__getitem__(name)
 
     def _figures(self) -> Mapping[str, object]:
@@ -172,12 +180,12 @@ class EvaluateResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReportResult(Result):
-    """A page.
+    """A report page.
 
     Attributes:
-        html: the whole page; it needs nothing else.
-        png: the picture of the main figures; None: it was not asked for.
-        markdown: words and figures; None: they were not asked for.
+        html: the whole page, which needs no other files.
+        png: picture of the main figures; None: not requested.
+        markdown: text and figures of the page as Markdown; None: not requested.
     """
 
     html: str = ""
@@ -188,7 +196,7 @@ class ReportResult(Result):
         return f"<occlog ReportResult: a page of {len(self.html)} characters; html, png>"
 
     def _repr_html_(self) -> str:
-        """The page in its own frame, without scripts of the notebook's."""
+        """Return HTML that shows the page in a notebook, in its own frame without access to the notebook."""
         page = escape(self.html, quote=True)
         return f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="width:100%;height:48em;border:0"></iframe>'
 
@@ -198,7 +206,7 @@ class OverlayResult(Result):
     """Tracks drawn over images.
 
     Attributes:
-        png: the picture of one frame; None: it was not asked for.
+        png: picture of one frame; None: not requested.
     """
 
     png: bytes | None = None
@@ -211,12 +219,12 @@ class OverlayResult(Result):
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
-    """Return the tables `names` that were written into a folder, by name; missing ones are left out."""
+    """Return the tables among `names` that were written into a folder, by name; missing ones are left out."""
     return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
 
 
 def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split a command's notes into (warnings without the prefix, other notes)."""
+    """Split the notes of a command into (warnings without their prefix, other notes), each without duplicates."""
     note = list(dict.fromkeys(notes))
     mark = "warning: "
     return (
@@ -226,7 +234,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(messages: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Issue Python warnings at the line of the caller outside of occlog: one for each message, one for all losses."""
+    """Issue Python warnings at the line that called occlog: one for each message, and one for all losses together."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

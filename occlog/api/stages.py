@@ -1,14 +1,7 @@
-"""`detect`, `fuse` and `label` in Python: from images to bearings, and who is in them.
+"""Functions of the Python API that run a stage, as the commands of the same names do.
 
-`evaluate` in Python: tracks against truth, bound and bearings.
-
-`ingest` in Python: one recording of video, boxes, directions, tags, truth, calibration and bags.
-
-`simulate` in Python: a recording with ground truth from a scene.
-
-`track` in Python: bearings, boxes, reads or video to tracks.
-
-`report` in Python: a run as one page, or tracks drawn over the images.
+`detect`, `fuse` and `label` lead from images to bearings with identities; `ingest` and `simulate` make a recording;
+`track` estimates tracks, `evaluate` compares them with the truth; `report` and `overlay` show them.
 """
 
 from __future__ import annotations
@@ -62,38 +55,38 @@ def detect(
     progress: bool = False,
     **settings: Setting,
 ) -> DetectResult:
-    """Reduce the frames of a recording to bearings of its targets, as `occlog detect` does.
+    """Detect people in the frames of a recording, and reduce them to bearings of its targets, as `occlog detect` does.
 
-    The network of occlog finds people, or background subtraction where that fits better; with `onnx` a network of
-    yours finds boxes, with `method="NAME"` a detector of a plug-in: the result has their views.
+    By default occlog's own network detects people, or background subtraction where that fits better. With `onnx`
+    another network detects boxes, and with `method="NAME"` a detector of a plug-in; both result in views.
 
     Args:
-        recording: with video, with boxes of a detector, or with simulated bearings.
-        scene: where the cameras are; None: the recording holds it.
-        cameras: only these; empty: all.
+        recording: recording with video, with boxes of a detector, or with simulated bearings.
+        scene: scene with the poses of the cameras; None: that of the recording.
+        cameras: use these cameras only; empty: all.
         target: file with the appearances of targets; None: those attached to the recording.
         target_boxes: boxes around targets from which their appearance is learnt, each `[ID:]CAM:FRAME:X,Y,W,H` [px].
         track_feedback: tracks around which targets are searched for.
         learn_background: learn the empty scene from the recording in a first pass.
         fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
         onnx: detect with this network (ONNX).
-        classes: with `onnx`: what to search for, by name or number; empty: people, or the only class.
-        names: with `onnx`: file with the names of its classes, one a line.
-        embed: describe who is in each box of a network with this network (ONNX).
-        bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
-        method: the network of occlog (network), background subtraction (background, outlines, components), a choice
-            between them (auto), or the name of a plug-in's detector; None: auto.
-        workers: threads; None: one a processor. The result is the same.
+        classes: with `onnx`: classes to detect, by name or number; empty: people, or the only class.
+        names: with `onnx`: file with the names of its classes, one per line.
+        embed: network (ONNX) that computes an appearance vector for each detected box.
+        bearings: with `onnx` or a plug-in: also compute a candidate bearing for each box.
+        method: `network` (that of occlog), `background`, `outlines` or `components` (background subtraction), `auto` (a
+            choice between network and background subtraction), or the name of a plug-in's detector; None: auto.
+        workers: number of threads, which does not change the result; None: one per processor.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of detection, of networks or of the plug-in, by their names in docs/reference/settings.md, in their
-            units.
+        **settings: settings of the detection, the network or the plug-in, by the names and in the units of
+            docs/reference/settings.md.
 
     Returns:
-        Bearings of the targets or candidates, and every box or region of the size of a person as views.
+        Bearings of the targets or candidates, and as views every box or region of the size of a person.
 
     Raises:
-        UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or states something that cannot be.
+        UsageError: an unknown setting, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or states something impossible.
         PluginError: a plug-in fails.
 
     Warns:
@@ -119,13 +112,16 @@ def fuse(
 
     Args:
         bearings: detections of targets, or candidates.
-        views: regions that the bearings are of.
-        scene: where the cameras are; None: the input holds it.
-        **settings: of the fusion, by their names in docs/reference/settings.md.
+        views: regions in the images that the bearings were made from.
+        scene: scene with the poses of the cameras; None: that of the input.
+        **settings: settings of the fusion, by their names in docs/reference/settings.md.
+
+    Returns:
+        The fused bearings, and the fused views if `views` is given.
 
     Raises:
-        UsageError: a setting that there is not.
-        InputError: an input is missing, damaged, or cannot be fused.
+        UsageError: an unknown setting.
+        InputError: an input is missing or damaged, or cannot be fused.
 
     Warns:
         OcclogWarning: input was lost, or the fusion is unreliable.
@@ -134,21 +130,21 @@ def fuse(
 
 
 def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> TrackResult:
-    """Fuse the tracks of several groups of cameras, as `occlog fuse --with` does: one track, one identity a person.
+    """Fuse the tracks of several groups of cameras, as `occlog fuse --with` does: one track and identity per person.
 
     Args:
-        tracks: of each group, two or more, in one world.
-        **settings: of the fusion of tracks, by their names in docs/reference/settings.md.
+        tracks: tracks of each group, two or more groups, all in one world frame.
+        **settings: settings of the fusion of tracks, by their names in docs/reference/settings.md.
 
     Returns:
-        The fused tracks; `events` are track initiations, terminations and possible switches.
+        The fused tracks; the table `events` has track initiations, terminations and possible identity switches.
 
     Raises:
-        UsageError: a setting that there is not, or fewer than two groups.
+        UsageError: an unknown setting, or fewer than two groups.
         InputError: an input is missing, damaged, or in another unit.
 
     Warns:
-        OcclogWarning: input was lost, or groups do not agree.
+        OcclogWarning: input was lost, or the groups contradict each other.
     """
     if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list", id="missing-option")
@@ -174,21 +170,24 @@ def label(
     without: str | Sequence[str] = (),
     **settings: Setting,
 ) -> DetectResult:
-    """Give candidates the identity of the track that they agree with, as `occlog label` does.
+    """Assign identities of tracks to candidates by their bearings, as `occlog label` does.
 
     Args:
-        bearings: candidates, or a recording that holds them.
-        tracks: with identities that are given.
-        scene: where the sensors are; None: the recording holds it.
-        doa: directions of arrival to label too.
-        doa_labels: identities in the log of directions are those of targets.
-        cameras: only these sensors; empty: all.
-        without: leave these sensors out.
-        **settings: by their names in docs/reference/settings.md.
+        bearings: candidates, or a recording that contains them.
+        tracks: tracks that provide the identities.
+        scene: scene with the poses of the sensors; None: that of the recording.
+        doa: directions of arrival to label, too.
+        doa_labels: the identities in the log of directions are those of targets.
+        cameras: use these sensors only; empty: all.
+        without: exclude these sensors.
+        **settings: settings of the association, by their names in docs/reference/settings.md.
+
+    Returns:
+        The bearings with identities.
 
     Raises:
-        UsageError: a setting that there is not.
-        InputError: an input is missing or damaged, or no track is there at the time of any frame.
+        UsageError: an unknown setting.
+        InputError: an input is missing or damaged, or no track covers the time of any frame.
 
     Warns:
         OcclogWarning: input was lost.
@@ -219,34 +218,35 @@ def evaluate(
     metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]] = (),
     **settings: Setting,
 ) -> EvaluateResult:
-    """Compare tracks with the truth, with the Cramer-Rao bound, and with their bearings, as `occlog evaluate` does.
+    """Compare tracks with the truth, the Cramer-Rao bound and the bearings that they were made from.
 
-    What the given inputs allow is computed.
+    This is `occlog evaluate`: every figure that the given inputs allow is computed.
 
     Args:
-        tracks: tracks in the world or in images; a result of `track` brings its diagnostics along.
+        tracks: tracks in the world or in images; a result of `track` also provides its diagnostics.
         truth: true positions or boxes.
-        bearings: for detections, bound and lines of sight.
-        doa: directions of arrival to use along with the bearings.
-        doa_labels: identities in the log of directions are those of targets.
-        truth_azimuths: true directions, to compare `doa` with and nothing else.
-        doa_gate_deg: a direction further from the true one is false, and the true one missed; None: 10.
-        measurements: ranges, signal strengths and time differences: for the bound.
-        views: to compare with true boxes; with `held_out` views or boxes of all people.
-        cooperation: what cameras were asked.
-        diagnostics: how the filter fared.
-        scene: where the sensors are; None: that of the recording with the truth or the bearings.
-        frames: only frames first <= number < stop.
-        also: more tables, of many targets: failures, counts (on the ground).
-        metrics: names of metrics of plug-ins, or their settings by these names; for tracks on the ground with truth.
-        **settings: by the names of the options: `match`, `held_out`, `sigma_v`, `match_distance` and the others.
+        bearings: bearings, for detection rates, the bound and the residuals of lines of sight.
+        doa: directions of arrival to use in addition to the bearings.
+        doa_labels: the identities in the log of directions are those of targets.
+        truth_azimuths: true directions of arrival, with which only `doa` is compared.
+        doa_gate_deg: largest angle between a direction and the true one [deg]; beyond it the direction is false, and
+            the true one missed; None: 10.
+        measurements: ranges, signal strengths and time differences, for the bound.
+        views: views to compare with true boxes; with `held_out`, views or boxes of all people.
+        cooperation: requests of `track` to cameras, for their cost.
+        diagnostics: filter diagnostics of `track`, for the consistency checks.
+        scene: scene with the poses of the sensors; None: that of the recording with the truth or the bearings.
+        frames: (first, stop): only frames first <= number < stop.
+        also: further tables of many targets: `failures` and `counts` (on the ground).
+        metrics: names of plug-ins' metrics, or their settings by name of plug-in; for tracks on the ground with truth.
+        **settings: settings by the names of the options: `match`, `held_out`, `sigma_v`, `match_distance` and others.
 
     Returns:
-        The figures, and the tables `errors` and `bound` where there are any.
+        The figures, and the tables `errors` and `bound` where they have rows.
 
     Raises:
-        UsageError: an argument or a setting that there is not, or that these inputs do not have.
-        InputError: an input is missing, damaged, or states something that cannot be.
+        UsageError: an unknown argument or setting, or one that does not apply to these inputs.
+        InputError: an input is missing, damaged, or states something impossible.
 
     Warns:
         OcclogWarning: the tracks are not plausible.
@@ -298,49 +298,51 @@ def ingest(
     progress: bool = False,
     **settings: Setting,
 ) -> Recording:
-    """Collect what cameras, microphone arrays and readers of tags have recorded, as `occlog ingest` does.
+    """Make one recording from the files of cameras, microphone arrays and tag readers, as `occlog ingest` does.
 
-    Files of cameras and arrays are a path, several, or a dict with the path of each by its name.
+    Files of cameras and arrays are a path, several paths, or a dict of paths by the sensor's name.
 
     Args:
-        *bags: bags of ROS 2 or 1, or MCAP files of other programs, parts of one; or WILDTRACK's folder.
-        topic: topics of a bag by the name of the camera, array or target that each is of.
-        topics: the same in YAML files.
-        video: video of each camera.
-        images: folder of images of each camera.
+        *bags: bags of ROS 2 or 1, or MCAP files of other programs, that are parts of one recording; or WILDTRACK's
+            folder.
+        topic: topics of a bag, by the name of the camera, array or target that each belongs to.
+        topics: YAML files with such topics by name.
+        video: video file of each camera.
+        images: folder with the images of each camera.
         boxes: boxes of a detector.
         mot: boxes in MOTChallenge text; the same as `boxes`.
-        positions: positions on the ground of detectors, by the names of the sources.
-        grid: size of a cell and position of cell (0, 0), "SIZE,X,Y", of positions in cells.
+        positions: positions on the ground that detectors report, by the name of the detector.
+        grid: "SIZE,X,Y" of positions that are counted in cells: size of a cell, and position of cell (0, 0).
         doa: logs of directions of arrival.
-        reads: logs of tags that readers read.
+        reads: logs of radio tags that readers have read.
         truth: true positions or boxes.
         timestamps: times of the frames.
-        calibration: calibration of the cameras.
-        image_size: width and height [px] of the images; a calibration that states another size is scaled.
+        calibration: calibration files of the cameras.
+        image_size: width and height of the images [px]; a calibration that states another size is scaled.
         scene: room, occluders, arrays, and cameras that the calibration lacks.
-        arrays: positions of direction finders, or microphones of one array.
-        readers: positions and ranges of the readers of tags.
-        start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
-        clock_offset: added to the times of a sensor with a clock offset [s], or text with a unit: {"cam2": "-400ms"}.
-        fps: frame rate, where nothing else gives times.
-        frames: only frames first <= number < stop; of each camera by its name, or of all.
-        output: where the recording is written; None: a folder that goes with the last reference to it.
-        overwrite: an output that is there may be replaced.
+        arrays: positions of direction finders, or of the microphones of one array.
+        readers: positions and ranges of the tag readers.
+        start_time: origin of the times: date and time (ISO 8601) or seconds since 1970; None: 0.
+        clock_offset: offset added to the times of a sensor: seconds, or text with a unit: {"cam2": "-400ms"}.
+        fps: frame rate [Hz], where nothing else gives times.
+        frames: (first, stop): only frames first <= number < stop, of all cameras, or by the camera's name.
+        output: path of the recording to write; None: a temporary folder, removed with the last reference to the
+            recording.
+        overwrite: replace an output that exists.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: by the names of the options: `calibration_unit`, `up`, `store`, `classes`, `allow_uncalibrated` and
-            the others.
+        **settings: settings by the names of the options: `calibration_unit`, `up`, `store`, `classes`,
+            `allow_uncalibrated` and others.
 
     Returns:
-        The recording. Its `summary` has `notes`: what calibration and tables were understood to state.
+        The recording. `notes` in its `summary` state how calibration and tables were understood.
 
     Raises:
-        UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: an input is missing, damaged, or states something that cannot be.
-        OutputExistsError: the output is there, and may not be replaced.
+        UsageError: an unknown setting, or arguments that contradict each other.
+        InputError: an input is missing, damaged, or states something impossible.
+        OutputExistsError: the output exists and may not be replaced.
 
     Warns:
-        OcclogWarning: input was lost, or seems to be other than it states.
+        OcclogWarning: input was lost, or seems to differ from what it states.
     """
     if isinstance(settings.get("classes"), str | Sequence):
         settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
@@ -375,13 +377,14 @@ def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
 
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
-    """Return an argument as the texts that the command takes: `NAME=VALUE` for mappings, else `VALUE`.
+    """Return an argument as texts that the command accepts: `NAME=VALUE` for mappings, otherwise `VALUE`.
 
     Args:
-        value: mapping from sensor to value, sequence of values, or one value; None gives ().
-        argument: its name, for messages.
+        value: mapping from sensor to value, sequence of values, or one value; None: no texts.
+        argument: name of the argument, for messages.
 
-    UsageError for a name that no sensor can have.
+    Raises:
+        UsageError: a name that no sensor can have, or a table in memory.
     """
     if value is None:
         return ()
@@ -396,9 +399,10 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
 
 
 def _text(value: object, argument: str) -> str:
-    """Return a value as typed on the command line: 10.0 is 10.
+    """Return a value as typed on the command line: 10.0 is `10`.
 
-    UsageError, which names the argument, for a table in memory.
+    Raises:
+        UsageError: the value is a table in memory; the message names the argument.
     """
     if isinstance(value, float):
         return f"{value:.15g}"
@@ -408,9 +412,9 @@ def _text(value: object, argument: str) -> str:
 
 
 def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> tuple[str, ...]:
-    """Return frame ranges, (first, stop) of all or by camera, as the command takes them: `0:100`, `cam1=0:100`.
+    """Return frame ranges as texts that the command accepts: `0:100` for all cameras, `cam1=0:100` for one.
 
-    UsageError for other values; None gives none.
+    `frames`: (first, stop), or such pairs by camera; None: no texts. Raise UsageError for other values.
     """
     each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
     found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
@@ -419,12 +423,15 @@ def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> t
 
 
 def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
-    """Return two whole numbers as a tuple, or None for None.
+    """Return two numbers as a tuple of ints; None for None.
 
     Args:
         value: (first, stop) of frames, or (width, height) of images.
-        name: of the argument, for the message.
-        fits: whether the values are valid; UsageError if not, or if there are not two.
+        name: name of the argument, for messages.
+        fits: whether the values are valid.
+
+    Raises:
+        UsageError: the values are invalid, or not two.
     """
     if value is None:
         return None
@@ -454,30 +461,34 @@ def simulate(
     progress: bool = False,
     **settings: Setting,
 ) -> Recording:
-    """Make a recording with ground truth, as `occlog simulate` does.
+    """Simulate a recording with ground truth, as `occlog simulate` does.
 
     Args:
-        scene: room and sensors; None with a `kind` that needs none.
-        kind: `balls` or `people`: a video to track in, instead of a scene.
-        seed: of all random numbers.
-        seconds: length of the recording, instead of `steps`.
-        rate_hz: steps a second.
-        fps: frames a second of every camera.
-        paths: file of scripted targets (YAML) instead of random walkers.
-        avoid: people whom walkers avoid.
-        bearings: simulate what cameras measure; None: unless there is video.
+        scene: room and sensors; None with a `kind`, which needs none.
+        kind: `balls` or `people`: a video to track in, in place of a scene.
+        seed: seed of all random numbers.
+        seconds: length of the recording [s], in place of `steps`.
+        rate_hz: time steps per second.
+        fps: frame rate of every camera [Hz].
+        paths: file with scripted paths of targets (YAML), in place of random walkers.
+        avoid: positions of people whom the walkers avoid, and who are not recorded.
+        bearings: simulate the bearings of the cameras; None: unless there is video.
         render: add video of every camera.
-        workers: threads; None: one a processor. The result is the same.
-        output: where the recording is written; None: a folder that goes with the last reference to it.
-        overwrite: an output that is there may be replaced.
+        workers: number of threads, which does not change the result; None: one per processor.
+        output: path of the recording to write; None: a temporary folder, removed with the last reference to the
+            recording.
+        overwrite: replace an output that exists.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of walkers, cameras, arrays, readers and storage, by their names in docs/reference/settings.md;
-            those of the video with `render_` before them.
+        **settings: settings of walkers, cameras, arrays, readers and storage, by their names in
+            docs/reference/settings.md; those of the video begin with `render_`.
+
+    Returns:
+        The recording.
 
     Raises:
-        UsageError: a setting that there is not, or arguments that contradict each other.
-        InputError: the scene is missing, damaged, or states something that cannot be.
-        OutputExistsError: the output is there, and may not be replaced.
+        UsageError: an unknown setting, or arguments that contradict each other.
+        InputError: the scene is missing, damaged, or states something impossible.
+        OutputExistsError: the output exists and may not be replaced.
     """
     if kind is not None and scene is not None:
         raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out", id="conflicting-options")
@@ -527,48 +538,49 @@ def track(
     """Estimate tracks of targets, as `occlog track` does.
 
     Args:
-        bearings: bearings, or what else the method takes: boxes, reads of tags, a recording with video.
-        scene: where the sensors are; None: the recording holds it.
+        bearings: bearings, or what else the method needs: boxes, reads of tags, a recording with video.
+        scene: scene with the poses of the sensors; None: that of the recording.
         method: name of the tracking method; None: by the input, `jipda` for boxes (`sort` without a calibration),
-            `virtual` for reads of tags, else `apf`.
-        seed: of all random numbers; the same inputs, settings and seed give the same tracks.
-        cameras: use only these sensors; empty: all.
-        without: leave these sensors out.
-        window: measurements this close together in time [s] make one scan; None: equal times; frames: below half the
-            shortest frame period; reads: 1 s.
-        targets: track only these; empty: all.
-        initial_positions: initial positions of targets, each x, y and perhaps sigma.
-        labelled_only: do not use candidates that are not assigned to a target.
-        keep_labels: keep labels that two targets exchange as they are given.
-        reject_outliers: give `fix` no bearings that contradict the motion of their target.
-        use_recovered: use what the fusion of detections recovered as if it had been measured.
-        round_robin_s: use one sensor at a time, each for so long [s]; None: all at once.
-        measurements: ranges, signal strengths and time differences to use too.
-        doa: directions of arrival to use too; None: those of the recording.
-        doa_labels: identities in the log of directions are those of targets.
-        occluders: where moving occluders may be.
-        motion: how targets move, a file of `occlog fit-motion`.
-        answer_delay: delay of cameras' answers [s], or the delays of `occlog traffic`.
-        select: choose cameras: `{"policy": "greedy", "count": 3}` and the other settings of the selection.
-        initial_ellipses: initial positions of targets in each view, for methods in images.
-        detections: boxes that trackers in images begin from.
-        fundamental: file of fundamental matrices.
-        path_loss: file of `occlog fit-readers`.
+            `virtual` for reads of tags, otherwise `apf`.
+        seed: seed of all random numbers; equal inputs, settings and seeds give equal tracks.
+        cameras: use these sensors only; empty: all.
+        without: exclude these sensors.
+        window: measurements closer together in time than this [s] make one scan; None: equal times; for frames less
+            than half the shortest frame period; for reads 1 s.
+        targets: identities to track; empty: all.
+        initial_positions: initial position of each target: x, y and optionally its standard deviation.
+        labelled_only: ignore candidates that are not assigned to a target.
+        keep_labels: keep the given labels where two targets exchange theirs.
+        reject_outliers: give method `fix` no bearings that contradict the motion of their target.
+        use_recovered: use detections that the fusion recovered like measured ones.
+        round_robin_s: use one sensor at a time, for this long each [s]; None: all sensors at once.
+        measurements: further measurements: ranges, signal strengths and time differences.
+        doa: directions of arrival to use in addition; None: those of the recording.
+        doa_labels: the identities in the log of directions are those of targets.
+        occluders: positions or priors of moving occluders.
+        motion: motion model, a file of `occlog fit-motion`.
+        answer_delay: latency of the cameras' answers [s], or a table of delays of `occlog traffic`.
+        select: settings of the selection of cameras: `{"policy": "greedy", "count": 3}` and others.
+        initial_ellipses: initial ellipses of targets in each view, for methods in images.
+        detections: boxes that initiate trackers, for methods in images.
+        fundamental: file with fundamental matrices.
+        path_loss: path loss model of the readers, a file of `occlog fit-readers`.
         refine_bearings: bearings of cameras that refine the tracks of tags.
-        gallery: appearance of people, for the tracks of all people: a table or a file of `occlog appearance learn`.
-        also: more tables of the method: calibration, cloud (its particles), cooperation, view_tracks, virtual_sensors,
-            world.
+        gallery: appearance of people, by which lost tracks are re-identified: a table or a file of `occlog appearance
+            learn`.
+        also: further tables of the method: calibration, particle_cloud, cooperation, view_tracks, virtual_sensors,
+            ground_tracks.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of the method and of measurements of distances, by the names that `--set` takes or of options, in
-            their units (angles in radians).
+        **settings: settings of the method and of the measurements of distances, by the names that `--set` takes or of
+            options, in their own units (angles in radians).
 
     Returns:
-        The tracks, with diagnostics and the other tables that the method makes.
+        The tracks, with diagnostics and the other tables of the method.
 
     Raises:
-        UsageError: an argument or a setting that the method does not have, or arguments that contradict each other.
+        UsageError: an argument or setting that the method does not have, or arguments that contradict each other.
         SettingError: a setting out of its range.
-        InputError: an input is missing, damaged, or states something that cannot be.
+        InputError: an input is missing, damaged, or states something impossible.
 
     Warns:
         OcclogWarning: the estimates are not plausible, or input was lost.
@@ -583,7 +595,7 @@ def track(
 
 
 def _method_for(source: Source, scene: object) -> str:
-    """Return the tracking method that fits the contents of `source` and of the scene.
+    """Return the name of the tracking method that fits the contents of `source` and of the scene.
 
     Files, tables and recordings are inspected; for other values it is the default method.
     """
@@ -594,7 +606,10 @@ def _method_for(source: Source, scene: object) -> str:
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Return the scene of the targets, from the request's scene file or its inputs; None if none has one."""
+    """Return the scene of the targets: that of the request's scene file, otherwise that of its input.
+
+    None if missing.
+    """
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 
@@ -624,28 +639,32 @@ def report(
     output: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
 ) -> ReportResult:
-    """Show tracks and what else is given as one page, as `occlog report` does.
+    """Make a page that shows tracks and the other given tables, as `occlog report` does.
 
     Args:
-        tracks: tracks; a result of `track` brings diagnostics and events along. None: the scene alone is drawn. Of
-            tracks in images the page has no floor plan.
-        scene: room and sensors; None: that of the recording with the truth or the bearings.
+        tracks: tracks; a result of `track` also provides its diagnostics and events. For tracks in images the page has
+            no floor plan. None: only the scene is drawn.
+        scene: room and sensors; None: those of the recording with the truth or the bearings.
         truth: true positions.
-        bearings: what each sensor saw.
-        errors: of `evaluate`.
-        bound: of `evaluate`.
-        diagnostics: of `track`.
-        events: initiations, terminations and possible switches of all people, of `track`.
-        occluders: moving occluders as the tracker was given.
+        bearings: bearings, for observation coverage and lines of sight.
+        errors: table `errors` of `evaluate`.
+        bound: table `bound` of `evaluate`.
+        diagnostics: table `diagnostics` of `track`.
+        events: table `events` of `track`: initiations, terminations and possible identity switches.
+        occluders: moving occluders as the tracker was given them.
         metrics: figures written by `occlog evaluate` (JSON).
-        images: a recording with images that are shown small next to the plan, with the tracks drawn over them.
+        images: recording with images, shown small next to the plan with the tracks drawn over them.
         recording: the same as `images`.
-        images_limit: how much of the page they may take [MB]; more of them are skipped.
+        images_limit: largest total size of the images in the page [MB]; further images are omitted.
         title: heading of the page.
-        png: also make the picture of the main figures.
-        markdown: also make words and figures as Markdown.
-        output: where the page is written (HTML), with picture and Markdown next to it; None: nowhere, see `html`.
-        overwrite: files that are there may be replaced.
+        png: also make a picture of the main figures.
+        markdown: also make text and figures as Markdown.
+        output: path of the page to write (HTML), with picture and Markdown next to it; None: the page is only returned
+            as `html`.
+        overwrite: replace files that exist.
+
+    Returns:
+        The page, and the requested picture and Markdown.
 
     Raises:
         UsageError: there is nothing to show.
@@ -705,24 +724,25 @@ def overlay(
     """Draw tracks and true boxes over the frames of a recording, as `occlog report --recording` does.
 
     Args:
-        tracks: in images, or of the world; None: the truth alone is drawn.
-        recording: with video.
+        tracks: tracks in images or on the ground; None: only the truth is drawn.
+        recording: recording with video.
         truth: true boxes.
-        failures: of `evaluate`, drawn in red.
-        fundamental: geometry of the views as the tracker had it; None: that of the recording.
-        scene: where the cameras are; None: the recording holds it.
-        video: file of the video to make (.webm, .mp4, .avi).
-        frame: number, in the first camera, of the frame with a picture that is made.
-        frames: video of frames first <= number < stop of the first camera only.
-        cameras: only these, the first of which counts the frames; empty: all.
-        scale: images are enlarged by this, 0.05 to 16; None: to a height of about 360 px, and at
-            most 3840 x 2160 px in all.
-        fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
-        ground_tracks: tracks of the world, for the plan; None: `tracks`, if they are of the world.
-        diagnostics: of `track`: which cameras see a target of the world, where its tracks do not state.
-        plan: whether tracks of the world get the plan next to the images.
-        trail_s: seconds of the way behind each target, 0 to 3600.
-        overwrite: a video that is there may be replaced.
+        failures: table `failures` of `evaluate`, drawn in red.
+        fundamental: epipolar geometry that the tracker used; None: that of the recording.
+        scene: scene with the poses of the cameras; None: that of the recording.
+        video: path of the video to write (.webm, .mp4, .avi).
+        frame: number, in the first camera, of the frame to draw as a picture.
+        frames: (first, stop): video of frames first <= number < stop of the first camera only.
+        cameras: draw these cameras only; the first one counts the frames; empty: all.
+        scale: factor by which images are enlarged, 0.05 to 16; None: to a height of about 360 px, and at most 3840 x
+            2160 px in all.
+        fps: frame rate of the video, 0.1 to 1000 Hz; None: that of the recording.
+        ground_tracks: tracks on the ground, for the plan; None: `tracks`, if they are on the ground.
+        diagnostics: table `diagnostics` of `track`, for the cameras that detect a target where its tracks do not state
+            them.
+        plan: draw the floor plan next to the images, for tracks on the ground.
+        trail_s: length of the trail behind each target [s], 0 to 3600.
+        overwrite: replace a video that exists.
         progress: show a bar on standard error, if it is a terminal.
 
     Returns:
@@ -732,7 +752,7 @@ def overlay(
         UsageError: there is nothing to draw, or neither `video` nor `frame` is given.
         SettingError: a number out of its range.
         InputError: an input is missing, damaged, or of another recording.
-        OutputExistsError: the video is there, and may not be replaced.
+        OutputExistsError: the video exists and may not be replaced.
 
     Warns:
         OcclogWarning: the tracks are of another recording's video.

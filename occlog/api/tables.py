@@ -1,4 +1,4 @@
-"""A table of occlog in Python: columns with units, and the way to pandas, polars and pyarrow."""
+"""Tables of occlog in Python: columns with units, and conversions to pandas, polars and pyarrow."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ NOTEBOOK_ROWS = 8
 class Table:
     """Rows of one kind, for example tracks or bearings.
 
-    A table is a Parquet file on disk, which is removed with the last reference to it unless it was there before; rows
-    are read when they are asked for. Columns, units and meanings are in docs/reference/tables.md. Every function of
-    occlog takes a table in place of a file.
+    A table is a Parquet file on disk; a temporary file is removed with the last reference to the table. Rows are read
+    when they are used. Columns, units and meanings are in docs/reference/tables.md. Every function of occlog accepts a
+    table in place of a file.
 
-    DataFrames are copies. Changes in them do not change the table; give the DataFrame to the next function instead.
-    Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.
+    DataFrames are copies: changes in them do not change the table; give the DataFrame to the next function instead. It
+    is then a table of another program, without provenance, losses and the unit of lengths.
     """
 
     def __init__(self, path: Path, source: Path | None = None, home: Folder | None = None) -> None:
-        """Take a file; use `occlog.open` and `occlog.read`.
+        """Create the object for a file; users call `occlog.open` or `occlog.read` instead.
 
         Args:
-            path: Parquet file of this program.
-            source: what functions are given instead, where it was read from a table of another program.
-            home: its folder, which is removed with the last table in it.
+            path: Parquet file written by occlog.
+            source: file that functions read instead, the original table of another program; None: `path`.
+            home: temporary folder that contains the file, removed with the last table in it; None: not temporary.
         """
         self.path, self.source = path, path if source is None else source
         self._home = home
@@ -67,12 +67,12 @@ class Table:
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Unit of each column; empty: a pure number or a text."""
+        """Unit of each column, by name; empty: a pure number or a text."""
         return {c["name"]: c.get("unit", "") for c in self._described["columns"]}
 
     @property
     def length_unit(self) -> str:
-        """Unit of lengths: m, cm, mm, ft, in, or one of the scene's own."""
+        """Unit of lengths: m, cm, mm, ft, in, or one specific to the scene."""
         return str(self._described["length_unit"])
 
     @property
@@ -83,7 +83,7 @@ class Table:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Input that was lost when it was made."""
+        """Input that was lost when the table was made."""
         return tuple(Loss(**loss) for loss in self.provenance.get("losses", ()))
 
     def __len__(self) -> int:
@@ -91,10 +91,10 @@ class Table:
         return int(self._described["rows"])
 
     def __getitem__(self, column: str) -> NDArray[Any]:
-        """(n,) values of a column, times in ns since the Unix epoch, unknown values as NaN.
+        """Return the values (n,) of a column: times in ns since the Unix epoch, unknown values as NaN.
 
         Raises:
-            InputError: there is no such column.
+            InputError: the table has no such column.
         """
         if column not in self.columns:
             raise InputError(
@@ -104,27 +104,27 @@ class Table:
         return np.asarray(values.to_numpy(zero_copy_only=False) if values.num_chunks else [])
 
     def to_arrow(self, *, datetimes: bool = False) -> pa.Table:
-        """The rows as a `pyarrow.Table`; its fields carry unit and meaning.
+        """Return the rows as a `pyarrow.Table`, the fields of which carry unit and meaning.
 
         Args:
-            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+            datetimes: convert `t_ns` from integers to time stamps (UTC, ns).
         """
         return self._read(None, datetimes)
 
     def to_pandas(self, *, datetimes: bool = False) -> pd.DataFrame:
-        """The rows as a `pandas.DataFrame`.
+        """Return the rows as a `pandas.DataFrame`.
 
         Args:
-            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+            datetimes: convert `t_ns` from integers to time stamps (UTC, ns).
         """
         frame: pd.DataFrame = self._read(None, datetimes).to_pandas()
         return frame
 
     def to_polars(self, *, datetimes: bool = False) -> pl.DataFrame:
-        """The rows as a `polars.DataFrame`; polars must be installed.
+        """Return the rows as a `polars.DataFrame`.
 
         Args:
-            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+            datetimes: convert `t_ns` from integers to time stamps (UTC, ns).
 
         Raises:
             UsageError: polars is not installed.
@@ -144,16 +144,16 @@ class Table:
         return self._read(None).__arrow_c_stream__(requested_schema)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the table: Parquet with the same bytes as the command's, else the format of the name's ending.
+        """Write the table to a file in the format of the name's ending; Parquet is a copy of the table's own file.
 
         Args:
-            path: where to; `.parquet`, or an ending of `occlog export` (`.csv`, `.csv.gz`, `.tum`, `.trc`).
-            overwrite: a file that is there may be replaced.
+            path: path of the file: `.parquet`, or an ending of `occlog export` (`.csv`, `.csv.gz`, `.tum`, `.trc`).
+            overwrite: replace a file that exists.
 
         Raises:
-            OutputExistsError: there is one, and it may not be replaced.
-            OutputError: it cannot be written.
-            UsageError: the ending is of no known format.
+            OutputExistsError: the file exists and may not be replaced.
+            OutputError: the file cannot be written.
+            UsageError: the ending belongs to no known format.
         """
         wanted = Path(path)
         if wanted.suffix.lower() in (".parquet", ""):
@@ -177,9 +177,11 @@ class Table:
         run_export(request)
 
     def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
-        """Return the rows of the columns (None: all) as a pyarrow table; texts are not dictionary-encoded.
+        """Return the rows as a pyarrow table; dictionary-encoded texts are converted to plain ones.
 
-        `datetimes`: convert `t_ns` to time stamps (UTC).
+        Args:
+            columns: names of the columns to read; None: all.
+            datetimes: convert `t_ns` from integers to time stamps (UTC, ns).
         """
         import pyarrow as pa
 
@@ -204,7 +206,7 @@ class Table:
         )
 
     def _repr_html_(self) -> str:
-        """The first rows, with units, for a notebook."""
+        """Return an HTML table of the first `NOTEBOOK_ROWS` rows with the columns' units, which notebooks show."""
         from occlog.io.files.tables.parquet import arrow_batches
 
         first = next(arrow_batches(self.path, NOTEBOOK_ROWS), None)
@@ -222,7 +224,10 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """Return a value as text for a cell: four significant digits, empty if unknown."""
+    """Return a value as the text of a cell: numbers with four significant digits; empty for None and NaN.
+
+    Long sequences are cut after `NOTEBOOK_ROWS` items.
+    """
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

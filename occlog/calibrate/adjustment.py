@@ -3,7 +3,8 @@
 Parameters are the cameras (orientation, position, focal length, radial distortion, clock offset and drift), the path of
 each person (position and velocity at every time step, one height and width), the mean height of people, and the bias of
 the upper and lower edges of boxes, in common and of each camera. Measurements are the edges of boxes, by the body model
-of method `jipda`; paths have white acceleration. Errors have a Student t distribution, by iteratively reweighted least
+of method `jipda`; paths have white acceleration, and between views that are not shared its changes have a t
+distribution, as people may turn there. Errors have a Student t distribution, by iteratively reweighted least
 squares. Each Levenberg-Marquardt step eliminates the paths, which are chains in time, by banded Cholesky factors, and
 solves for the cameras (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, Sec. 6). Standard deviations are those of an
 M-estimator (Huber and Ronchetti 2009, Sec. 7.6), with the scale of errors corrected for the degrees of freedom of the
@@ -42,6 +43,13 @@ DEGREES = 4.0
 """Degrees of freedom of the errors of edges."""
 ACCELERATION, MIN_ACCELERATION, MAX_ACCELERATION = 0.3, 0.005, 3.0
 """Spectral density of the acceleration of a person per axis, to start from, and its limits [m^2/s^3]."""
+MIN_APART = 0.001
+"""Least density of the acceleration where it is learned between views [m^2/s^3]."""
+MIN_JITTER, MAX_JITTER = 1e-6, 0.05
+"""Limits of the density of the random walk of the position [m^2/s]."""
+HELD_LEVEL = 0.05
+"""Stated inclinations and heights are held to this share of their standard deviations: the mode of the paths would
+shrink them, since smaller paths have smaller accelerations."""
 BODY_DRIFT = 0.01
 """Standard deviation by which height and width of a person change in one second, in metres."""
 SIGMA_SPEED = 1.0
@@ -139,6 +147,21 @@ class NoiseModel(NamedTuple):
     relative: float
 
 
+class PathPrior(NamedTuple):
+    """Prior of the paths of people.
+
+    Attributes:
+        acceleration: spectral density of the acceleration per axis [m^2/s^3], to start from; with a t distribution
+            that where people are seen is held, and that between views is learned.
+        jitter: density of a random walk of the position per axis, such as by steps, to start from [m^2/s]; 0: none.
+        degrees: degrees of freedom of the t distribution of each change of the state; inf: Gaussian.
+    """
+
+    acceleration: float = ACCELERATION
+    jitter: float = 0.0
+    degrees: float = np.inf
+
+
 class Adjusted(NamedTuple):
     """Result of a bundle adjustment of C cameras with K path knots and N boxes.
 
@@ -150,10 +173,11 @@ class Adjusted(NamedTuple):
         covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
         states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
         mean_height: mean height of people, in scene units.
-        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
+            example because the border of the image truncates the box there.
         sigma: (N, 4) estimated standard deviations of the edges [px].
-        correlation: largest factor by which correlation and outliers of errors widen variances.
-        converged: whether the search ended by itself.
+        correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
+        converged: whether the search converged before the limit of iterations.
     """
 
     cameras: list[Camera]
@@ -190,16 +214,20 @@ def changed(camera: Camera, values: Floats) -> Camera:
 
 @dataclass
 class Adjustment:
-    """Bundle adjustment of C cameras and clocks; `run` minimises.
+    """Bundle adjustment of cameras and clocks; `run` minimises.
 
     Attributes:
-        cameras: initial cameras.
-        seen: observed boxes at K knots of the paths.
-        states: (K, 6) initial x, y, vx, vy, height and width of the people at the knots; updated.
-        body: prior of body sizes.
-        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: fixed; inf: free.
-        clocks: initial clocks, which are also the means of their priors.
-        noise: initial noise of the edges.
+        cameras: C cameras, from where the search starts.
+        seen: observations.
+        states: (K, 6) of the people at the knots, to start from.
+        body: of people.
+        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: held; inf: free.  Those of
+            the biases of edges are estimated from where they are not 0.
+        clocks: to start from, which are also the means of their priors.
+        noise: of the edges, to start from.
+        paths: prior of the paths of people.
+        level: standard deviations of the inclination [rad] and the height of the cameras, which start from what is
+            stated; inf: not stated.
     """
 
     cameras: Sequence[Camera]
@@ -209,6 +237,8 @@ class Adjustment:
     sigma_prior: Floats
     clocks: Clocks
     noise: NoiseModel
+    paths: PathPrior = PathPrior()
+    level: tuple[float, float] = (np.inf, np.inf)
 
     def __post_init__(self) -> None:
         """Set parameters and noise to their start values; the states are copied."""
@@ -216,14 +246,21 @@ class Adjustment:
         self.free = np.append((self.sigma_prior > 0.0).ravel(), [True] + [False] * (COMMON - 1))
         with np.errstate(divide="ignore"):
             precision = np.where(self.sigma_prior > 0.0, 1.0 / self.sigma_prior**2, 0.0).ravel()
-        self.precision = np.append(precision, [1.0 / self.body.sigma_mean**2] + [0.0] * (COMMON - 1))
+        self.precision = np.diag(np.append(precision, [1.0 / self.body.sigma_mean**2] + [0.0] * (COMMON - 1)))
+        self.stated = np.zeros_like(self.precision)
+        for c, camera in enumerate(self.cameras):
+            # Turns in the camera's frame that incline it: all but those about the vertical
+            up, own = camera.rotation[2], PARAMETERS * c + np.arange(3)
+            self.stated[np.ix_(own, own)] = (np.eye(3) - np.outer(up, up)) / self.level[0] ** 2
+            self.stated[own[0] + 5, own[0] + 5] = 1.0 / self.level[1] ** 2
+        self.stated /= HELD_LEVEL**2
+        self.precision += self.stated
         bias: Floats = np.zeros((C, PARAMETERS))
         bias[:, UPPER:] = SIGMA_OWN_BIAS
         self.sigma_bias = np.append(bias.ravel(), [0.0, *SIGMA_COMMON])
         self.values = np.zeros(C * PARAMETERS + COMMON)
         self.states = self.states.copy()
-        self.acceleration = ACCELERATION
-        self.motion = _motion(seen, self.body.metre, self.acceleration)
+        self.motion = _motion(seen, self.body.metre, self.paths, C)
         size = seen.box[:, 3] - seen.box[:, 1]
         self.sigma = np.repeat(np.hypot(self.noise.pixels, self.noise.relative * size)[:, None], 4, axis=1)
         own = np.arange(PARAMETERS) + PARAMETERS * seen.camera[:, None]
@@ -295,7 +332,10 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box after that of its knot [s], with the parameters `values` (C 12 + 6,)."""
+        """(N,) true time of each box after that of its knot [s], given the parameters `values` (C 12 + 6,).
+
+        They are `Adjusted.values` row by row, then the six that all cameras have in common.
+        """
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
@@ -303,7 +343,8 @@ class Adjustment:
     def _equations(self, values: Floats, states: Floats) -> _Equations:
         """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
 
-        Shapes (C 12 + 6,) and (K, 6): x, y, vx, vy, height, width at each knot.
+        `values` (C 12 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
+        all cameras have in common; `states` (K, 6) are x, y, vx, vy, height and width at each knot.
         """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
@@ -319,7 +360,7 @@ class Adjustment:
         missing = np.count_nonzero(seen.use[~good])
         robust = 0.5 * (DEGREES + 1.0) * np.log1p(scaled**2 / DEGREES)
         cost = float(robust[use].sum()) + missing * 0.5 * (DEGREES + 1.0) * np.log1p(400.0 / DEGREES)
-        cost += float(0.5 * (self.precision * values**2).sum())
+        cost += float(0.5 * values @ self.precision @ values)
         cost += self.motion.cost(states) + self._body_cost(values, states)
         weight = np.where(use, (DEGREES + 1.0) / (DEGREES + scaled**2) / self.sigma**2, 0.0)
         return _Equations(cost, residual, weight, slope, delay, good, values, states)
@@ -415,7 +456,7 @@ class Adjustment:
             (seen.knot[:, None, None], np.arange(STATE_SIZE)[None, :, None], self.columns[:, None, :]),
             np.swapaxes(equations.slope, 1, 2) @ Jc,
         )
-        H, b = np.diag(self.precision), -self.precision * equations.values
+        H, b = self.precision.copy(), -self.precision @ equations.values
         for c in range(C):
             own = np.flatnonzero(seen.camera == c)
             if len(own):
@@ -454,7 +495,7 @@ class Adjustment:
         """Re-estimate the noise of box edges and the acceleration of people from the residuals, in place."""
         equations = self._equations(self.values, self.states)
         use = equations.weight > 0.0
-        shares, of_motion = self._absorbed(equations)
+        shares, absorbed = self._absorbed(equations)
         left = 1.0 - shares
         size = np.repeat((self.seen.box[:, 3] - self.seen.box[:, 1])[:, None], 4, axis=1)
         for axis, edges in enumerate(AXES):
@@ -473,28 +514,40 @@ class Adjustment:
             relative = max((b**2 - a**2) / (y**2 - x**2), 0.0)
             pixels = max(a**2 - relative * x**2, 0.25)
             self.sigma[:, edges] = np.sqrt(pixels + relative * size[:, edges] ** 2)
-        # Variance component of the accelerations (Förstner 1979)
+        # Variance components of the motion (Förstner 1979)
         if len(self.motion.inner):
-            square = self.motion.squares(self.states).mean() / (4.0 * (1.0 - of_motion))
-            self.acceleration = float(np.clip(self.acceleration * square, MIN_ACCELERATION, MAX_ACCELERATION))
-            self.motion = _motion(self.seen, self.body.metre, self.acceleration)
+            if self.motion.apart.any():
+                absorbed = absorbed + self._of_cameras(equations)
+            self.motion = self.motion.rescaled(self.states, absorbed)
 
-    def _absorbed(self, equations: _Equations) -> tuple[Floats, float]:
-        """Shares of the degrees of freedom of errors that the paths absorb, 0 to 1.
+    def _of_cameras(self, equations: _Equations) -> Floats:
+        """(D,) sums of squares of each density's part of the changes of the motion that the cameras' errors take up."""
+        motion, solved = self.motion, self._reduced(equations, 0.0)
+        moved = (solved.solved[motion.inner + 1] - motion.transition @ solved.solved[motion.inner])[:, :4, 1:]
+        spread = moved @ self._inverse(solved.matrix) @ np.swapaxes(moved, 1, 2)
+        return np.array([np.einsum("lij,lik,lkj->", U, spread, U) for U in motion.pushes(self.states)])
+
+    def _absorbed(self, equations: _Equations) -> tuple[Floats, Floats]:
+        """Shares of the degrees of freedom of errors that the paths take up.
 
         The mean of the diagonal of the hat matrix, by random signs (Hutchinson 1990).
 
         Returns:
-            (2,) of the left and right, and of the upper and lower edges; and that of the accelerations.
+            (2,) of left and right, and of upper and lower edges; and (D,) for each density of the motion the sum of
+            squares of its part of the changes that they take up.
         """
         A, off, _ = self._paths(equations, np.ones(4))
         seen, motion, rng = self.seen, self.motion, np.random.default_rng(0)
         inner, root = motion.inner, np.sqrt(equations.weight)
         signs = rng.choice([-1.0, 1.0], (PROBES, *root.shape)) * root
-        pushes = np.einsum("rlj,lij->rli", rng.choice([-1.0, 1.0], (PROBES, len(inner), 4)), _roots(motion))
-        right = np.zeros((len(seen.time), STATE_SIZE, 2 * PROBES))
-        np.add.at(right, seen.knot, np.einsum("nei,rne->nir", equations.slope, signs) @ np.eye(PROBES, 2 * PROBES))
-        forced = np.moveaxis(pushes, 0, 2) @ np.eye(PROBES, 2 * PROBES, PROBES)
+        ways = np.array(motion.pushes(self.states))
+        D = len(ways)
+        drawn = rng.choice([-1.0, 1.0], (PROBES, D, len(inner), 4))
+        pushes = np.einsum("rdlj,dlij->drli", drawn, ways).reshape(D * PROBES, len(inner), 4)
+        columns = (1 + D) * PROBES
+        right = np.zeros((len(seen.time), STATE_SIZE, columns))
+        np.add.at(right, seen.knot, np.einsum("nei,rne->nir", equations.slope, signs) @ np.eye(PROBES, columns))
+        forced = np.moveaxis(pushes, 0, 2) @ np.eye(D * PROBES, columns, PROBES)
         right[inner + 1, :4] += forced
         right[inner] -= np.einsum("lji,ljr->lir", motion.transition[:, :4], forced)
         solved = self._solved(A, off, right)
@@ -502,8 +555,8 @@ class Adjustment:
         use = equations.weight > 0.0
         shares = [hat[:, edges].sum() / max(np.count_nonzero(use[:, edges]), 1) for edges in AXES]
         moved = solved[inner + 1] - motion.transition @ solved[inner]
-        of_motion = np.einsum("rli,lir->", pushes, moved[:, :4, PROBES:]) / (PROBES * max(4 * len(inner), 1))
-        return np.clip(shares, 0.0, 0.9), float(np.clip(of_motion, 0.0, 0.99))
+        of_motion = np.einsum("rli,lir->r", pushes, moved[:, :4, PROBES:]).reshape(D, PROBES).mean(axis=1)
+        return np.clip(shares, 0.0, 0.9), of_motion
 
     def _correlation(self, equations: _Equations) -> Floats:
         """Variance inflation factors (4,) of the normal equations, of the edges left, top, right, bottom.
@@ -542,21 +595,29 @@ class Adjustment:
     def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
         """(C 12, C 12) covariance of the camera parameters.
 
-        Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
-        model would make them large, but their effect on the estimates is added.
+        Biases of edges and stated inclinations and heights are consider parameters (Schmidt 1966): they are not
+        estimated, since small errors of the body model would make biases large, but their effect on the estimates is
+        added.
 
         Args:
             equations: normal equations at the solution.
-            correlation: (4,) variance inflation factors of the edges left, top, right, bottom.
+            correlation: (4,) variance inflation factors of the edges.
         """
+        if self.motion.apart.any():
+            self.motion = self.motion.robust(
+                equations.states, self._absorbed(equations)[1] + self._of_cameras(equations)
+            )
         exact = self._reduced(equations, 0.0).matrix
-        gain = self._inverse(exact) @ (exact * self.sigma_bias)
-        covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T
+        inverse = self._inverse(exact)
+        gain = inverse @ (exact * self.sigma_bias)
+        # Of the errors of what is stated the inverse contains a small share already
+        held = inverse @ self.stated @ inverse * (HELD_LEVEL**-2 - 1.0)
+        covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T + held
         return np.asarray(covariance[:-COMMON, :-COMMON])
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:
-    """Factor by which autocorrelation in time widens the variance of a mean of errors, at least 1.
+    """Factor by which autocorrelation in time multiplies the variance of a mean of errors, at least 1.
 
     Args:
         x: (N, E) errors, those of a group one after the other in the order of time.
@@ -593,14 +654,18 @@ class _Reduced(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Gaussian prior of the paths: transition matrix and precision from each knot to the next of the same person.
-
-    `inner` (L,) are the knots with a successor; `transition` and `precision` (L, 6, 6) of x, y, vx, vy, height, width.
-    """
+    """Prior of the paths: from each knot to the next of the same person."""
 
     inner: Ints  # (L,) knots with a successor
     transition: Floats  # (L, 6, 6)
     precision: Floats  # (L, 6, 6)
+    apart: Bools  # (L,) no camera sees the person at both knots
+    roots: Floats  # (D, L, 4, 4) of covariances of position and velocity, per unit of each density
+    densities: Floats  # (D,) of the acceleration, that of changes that are `apart`, and the random walk
+    limits: Floats  # (D, 2)
+    body: Floats  # (L,) variances of the changes of height and of width
+    degrees: float  # of the t distribution
+    inflation: float  # of the variance of changes that are `apart`
 
     def _off(self, states: Floats) -> Floats:
         return np.asarray(states[self.inner + 1] - np.einsum("lij,lj->li", self.transition, states[self.inner]))
@@ -610,10 +675,25 @@ class _Motion(NamedTuple):
         off = self._off(states)[:, :4]
         return np.asarray(np.einsum("li,lij,lj->l", off, self.precision[:, :4, :4], off))
 
+    def weights(self, states: Floats) -> Floats:
+        """(L,) factors of the precision of position and velocity (iteratively reweighted least squares)."""
+        if np.isinf(self.degrees):
+            return np.ones(len(self.inner))
+        weight = (self.degrees + 4.0) / (self.degrees + self.squares(states))
+        return np.where(self.apart, weight / self.inflation, weight)
+
+    def pushes(self, states: Floats) -> list[Floats]:
+        """For each density (L, 4, 4) matrices U: the sum of |U' d|^2 of the changes d (L, 4) measures it."""
+        weight = np.sqrt(self.weights(states))[:, None, None]
+        return [weight * (self.precision[:, :4, :4] @ root) for root in self.roots]
+
     def cost(self, states: Floats) -> float:
-        """Negative log prior of all transitions between `states` (K, 6): half the squared Mahalanobis length."""
-        off = self._off(states)
-        return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
+        """Negative log prior of all transitions between `states` (K, 6), up to a constant."""
+        off, square = self._off(states), self.squares(states)
+        body = np.einsum("li,lij,lj->", off[:, 4:], self.precision[:, 4:, 4:], off[:, 4:])
+        if np.isfinite(self.degrees):
+            square = (self.degrees + 4.0) * np.log1p(square / self.degrees)
+        return float(0.5 * (body + square.sum()))
 
     def add(self, states: Floats, A: Floats, g: Floats) -> Floats:
         """Add the prior to the normal equations of the paths, in place; return the blocks (K, 6, 6) below the diagonal.
@@ -623,7 +703,8 @@ class _Motion(NamedTuple):
             A: (K, 6, 6) diagonal blocks, updated.
             g: (K, 6) right side, updated.
         """
-        off, P, F = self._off(states), self.precision, self.transition
+        off, P, F = self._off(states), self.precision.copy(), self.transition
+        P[:, :4] *= self.weights(states)[:, None, None]
         PF = P @ F
         A[self.inner] += np.swapaxes(F, 1, 2) @ PF
         A[self.inner + 1] += P
@@ -633,33 +714,73 @@ class _Motion(NamedTuple):
         below[self.inner] = -PF
         return below
 
+    def rescaled(self, states: Floats, absorbed: Floats) -> _Motion:
+        """Re-estimate the densities from the changes in `states` (K, 6); estimates take up (D,) `absorbed` of them."""
+        off, densities = self._off(states)[:, :4], self.densities.copy()
+        for k, (push, root) in enumerate(zip(self.pushes(states), self.roots, strict=True)):
+            whole = np.einsum("lji,ljk,lki->", root, self.precision[:, :4, :4], root)
+            square = (np.einsum("lji,lj->li", push, off) ** 2).sum()
+            densities[k] *= square / max(whole - absorbed[k], 0.01 * whole) if whole > 0.0 else 1.0
+        return self.of(np.clip(densities, *self.limits.T))
 
-def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
-    """Prior of the paths: white acceleration, nearly constant body size.
+    def of(self, densities: Floats) -> _Motion:
+        """This prior with other densities (D,)."""
+        Q = np.zeros((len(self.inner), STATE_SIZE, STATE_SIZE))
+        Q[:, :4, :4] = np.einsum("d,dlij,dlkj->lik", densities, self.roots, self.roots)
+        Q[:, HEIGHT, HEIGHT] = Q[:, WIDTH, WIDTH] = self.body
+        return self._replace(densities=densities, precision=np.asarray(np.linalg.inv(Q), dtype=np.float64))
+
+    def robust(self, states: Floats, absorbed: Floats) -> _Motion:
+        """This prior with the variance inflation of an M-estimator for changes between views.
+
+        Args:
+            states: (K, 6) states of all paths.
+            absorbed: (D,) what the estimates take up of the squares of changes.
+        """
+        if not self.apart.any():
+            return self
+        v, square = self.degrees, self.squares(states)[self.apart]
+        weight = (v + 4.0) / (v + square)
+        slope = float((weight * (1.0 - 0.5 * square / (v + square))).mean())
+        left = max(1.0 - float(absorbed[1] * self.densities[1]) / (4.0 * len(square)), 0.1)
+        influence = float((weight**2 * square).mean()) / (4.0 * left)
+        return self._replace(inflation=max(influence * float(weight.mean()) / slope**2, 1.0))
+
+
+def _motion(seen: Observations, metre: float, prior: PathPrior, count: int) -> _Motion:
+    """Prior of the paths: white acceleration, a random walk of the position, and nearly constant body size.
 
     Args:
-        seen: has the times of the paths' knots.
-        metre: length of a metre in scene units.
-        acceleration: spectral density of the acceleration per axis [m^2/s^3].
+        seen: has the times of the paths' states.
+        metre: a metre in scene units.
+        prior: of the paths.
+        count: number of cameras.
     """
-    last = seen.first[1:] - 1
-    inner = np.setdiff1d(np.arange(len(seen.time)), last)
+    has = np.zeros((len(seen.time), count), dtype=np.bool_)
+    has[seen.knot, seen.camera] = True
+    inner = np.setdiff1d(np.arange(len(seen.time)), seen.first[1:] - 1)
     dt = seen.time[inner + 1] - seen.time[inner]
-    L = len(inner)
-    F, Q = np.tile(np.eye(STATE_SIZE), (L, 1, 1)), np.zeros((L, STATE_SIZE, STATE_SIZE))
-    q = acceleration * metre**2
-    for k in range(2):
-        F[:, k, k + 2] = dt
-        Q[:, k, k], Q[:, k + 2, k + 2] = q * dt**3 / 3.0, q * dt
-        Q[:, k, k + 2] = Q[:, k + 2, k] = q * dt**2 / 2.0
-    for k in (HEIGHT, WIDTH):
-        Q[:, k, k] = (BODY_DRIFT * metre) ** 2 * dt
-    return _Motion(inner, F, np.asarray(np.linalg.inv(Q), dtype=np.float64))
-
-
-def _roots(motion: _Motion) -> Floats:
-    """(L, 4, 4) Cholesky factors R of the precisions P = R R' of position and velocity."""
-    return np.asarray(np.linalg.cholesky(motion.precision[:, :4, :4]))
+    L, own = len(inner), np.arange(2)
+    F, root, walk = np.tile(np.eye(STATE_SIZE), (L, 1, 1)), np.zeros((L, 4, 4)), np.zeros((L, 4, 4))
+    F[:, own, own + 2] = dt[:, None]
+    # Cholesky factor of the covariance of white acceleration, density 1
+    root[:, own, own] = metre * np.sqrt(dt**3 / 3.0)[:, None]
+    root[:, own + 2, own] = metre * np.sqrt(0.75 * dt)[:, None]
+    root[:, own + 2, own + 2] = metre * np.sqrt(0.25 * dt)[:, None]
+    walk[:, own, own] = metre * np.sqrt(dt)[:, None]
+    apart = ~(has[inner] & has[inner + 1]).any(axis=1) & np.isfinite(prior.degrees)
+    roots, start = [root], [prior.acceleration]
+    limits = [(MIN_ACCELERATION, MAX_ACCELERATION)]
+    if np.isfinite(prior.degrees):
+        roots = [root * ~apart[:, None, None], root * apart[:, None, None]]
+        start, limits = start * 2, [(prior.acceleration, prior.acceleration), (MIN_APART, MAX_ACCELERATION)]
+    if prior.jitter > 0.0:
+        roots, start, limits = [*roots, walk], [*start, prior.jitter], [*limits, (MIN_JITTER, MAX_JITTER)]
+    made = _Motion(
+        inner, F, np.zeros((L, STATE_SIZE, STATE_SIZE)), apart, np.array(roots), np.zeros(0), np.array(limits),
+        (BODY_DRIFT * metre) ** 2 * dt, prior.degrees, 1.0,
+    )  # fmt: skip
+    return made.of(np.array(start))
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:

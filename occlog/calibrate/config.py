@@ -52,6 +52,23 @@ class CalibrateConfig(Settings):
         option="--sigma-angle",
         metavar="DEG",
     )
+    sigma_tilt: float | None = setting(
+        None,
+        "Standard deviation of the stated pitch and roll angles of cameras that share no view.",
+        unit="deg",
+        above=0,
+        at_most=90,
+        nothing="estimated from people",
+        shown="estimated from people",
+    )
+    sigma_height: float | None = setting(
+        None,
+        "Standard deviation of the stated heights of cameras that share no view, which then determine the scale.",
+        unit="m",
+        above=0,
+        nothing="estimated from people",
+        shown="estimated from people",
+    )
     max_clock_offset: float = setting(
         2.0,
         "Largest offset between the clocks of two cameras that is searched. Larger values take longer; 0: clocks "
@@ -60,6 +77,15 @@ class CalibrateConfig(Settings):
         at_least=0,
         at_most=600,
         option="--max-clock-offset",
+        metavar="SECONDS",
+    )
+    max_gap: float = setting(
+        10.0,
+        "Longest time that a person is not seen between two views of cameras that share no view.",
+        unit="s",
+        above=0,
+        at_most=60,
+        option="--max-gap",
         metavar="SECONDS",
     )
     source_height: float = setting(

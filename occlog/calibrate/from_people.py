@@ -41,10 +41,12 @@ from .starts.focal import FocalEstimate, focal_of_people, lens_unknown, with_foc
 from .starts.marked import MarkedPose, pose_of_points
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
-STATED, CLOCKS, LENSES = "stated poses", "clocks of cameras", "lenses from people"
+STATED, CLOCKS, LENSES, PASSAGES = "stated poses", "clocks of cameras", "lenses from people", "passages between views"
 """Names of checks."""
 MAX_MOVED = 4.0
 """Largest correction of a stated position or yaw, in stated standard deviations."""
+MAX_AMBIGUOUS = 0.2
+"""Share of the passages between views that may be ambiguous."""
 MAX_BOXES = 60_000
 """Boxes that are used, from the beginning of a recording; more take longer and change little."""
 
@@ -97,6 +99,8 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
         "sigma_all_cameras": _frame(found),
         "error_correlation": round(found.correlation, 2),
     }
+    if found.handovers:
+        summary["passages"] = {"used": found.handovers, "ambiguous": found.ambiguous}
     if arrays:
         summary["microphone_arrays"] = {each.array.name: array_figures(each) for each in arrays}
     if start.marked:
@@ -291,6 +295,11 @@ def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig
         *outcome(SEARCH, () if found.converged else (finding(SEARCH, "adjustment-not-converged"),)),
         *outcome(STATED, _moved(found, stated, config, metre), unless="" if known else "no poses are stated"),
         *_clocks(found),
+        *outcome(
+            PASSAGES,
+            _passages(found, config),
+            unless="" if found.handovers else "cameras share views",
+        ),
     )
 
 
@@ -305,6 +314,18 @@ def _loose(found: Calibrated) -> Iterator[Check]:
     for each in found.cameras:
         for name in each.undetermined:
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
+
+
+def _passages(found: Calibrated, config: CalibrateConfig) -> Iterator[Check]:
+    """Findings about people who pass between cameras that share no view."""
+    total = found.handovers + found.ambiguous
+    if not total:
+        return
+    yield finding(PASSAGES, "no-common-view", count=found.handovers)
+    if config.sigma_height is None or config.sigma_tilt is None:
+        yield finding(PASSAGES, "levels-not-stated")
+    if found.ambiguous > MAX_AMBIGUOUS * total:
+        yield finding(PASSAGES, "passages-ambiguous", count=found.ambiguous, total=total)
 
 
 def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> Iterator[Check]:

@@ -122,18 +122,20 @@ def observations(
     window_s: float,
     sizes: Sequence[tuple[int, int] | None],
     body: BodyPrior,
+    max_gap_s: float = MAX_GAP_S,
+    *,
+    shared: bool = True,
 ) -> tuple[Observations, Floats]:
-    """Arrange boxes of people as observations for the bundle adjustment; also return initial states (K, 6).
-
-    Paths are split at gaps of `MAX_GAP_S`; those that too few cameras see are dropped, and at most `MAX_KNOTS`
-    knots used. States are x, y, vx, vy, height, width.
+    """Observations of people for the bundle adjustment, and initial states.
 
     Args:
-        rows: person, camera, stamped time [s], box (4,), and ground position as x + i y, of each box.
-        clocks: clocks of the cameras.
-        window_s: boxes at most this far apart are of one time step [s].
-        sizes: (C,) width and height of the images [px]; None: unknown.
-        body: prior of body sizes.
+        rows: person, camera, stamped time [s], box (4,), and position on the ground.
+        clocks: of the cameras.
+        window_s: observations this near in time are of one time step.
+        sizes: (C,) width and height of the images; None: not known.
+        body: of people.
+        max_gap_s: a person who is not seen for longer begins again [s].
+        shared: people count whom two cameras see at one time, those of most cameras first; else all.
     """
     by_person: dict[int, list[int]] = {}
     stamps = np.array([row[2] for row in rows])
@@ -145,7 +147,7 @@ def observations(
         chain: list[list[int]] = []
         before = -np.inf
         for k in sorted(own, key=lambda k: true[k]):
-            if true[k] - before > MAX_GAP_S and chain:
+            if true[k] - before > max_gap_s and chain:
                 chains.append((len(chain), chain))
                 chain = []
             if chain and true[k] - true[chain[-1][0]] <= window_s:
@@ -159,7 +161,7 @@ def observations(
         for length, chain in chains
         if length >= MIN_KNOTS
     ]
-    useful = [each for each in useful if each[0] >= MIN_KNOTS]
+    useful = [each for each in useful if each[0] >= MIN_KNOTS or not shared]
     useful.sort(key=lambda each: -each[0])
     first, camera, knot, delay, boxes, time, states = [0], [], [], [], [], [], []
     for _, chain in useful:

@@ -23,7 +23,8 @@ class CalibrateRequest(Request):
     its origin below one of the cameras, and its scale is that of --person-height. No markers, no chessboard, no labels
     and no synchronised clocks are needed; a minute of three or more people who walk where cameras overlap is. Where
     nothing is known of a lens but the size of the images, its focal length is estimated too. Microphone arrays of the
-    scene with directions of arrival of people who walk and speak get a pose and a clock, too.
+    scene with directions of arrival of people who walk and speak get a pose and a clock, too. Cameras that share no
+    view are calibrated by people who pass from one view to the next, one person at a time.
 
     With --board, RECORDING is a video, a folder of images or a recording of a chessboard or ChArUco board, and the
     result has the intrinsics of each camera.
@@ -33,6 +34,7 @@ class CalibrateRequest(Request):
       occlog calibrate walk.mcap --scene rough.yaml --sigma-position 1 --sigma-angle 10 -o scene.yaml
       occlog calibrate walk.mcap --ignore-poses --focal -o scene.yaml
       occlog calibrate walk.mcap --points clicked.csv -o scene.yaml
+      occlog calibrate passages.mcap --ignore-poses --max-gap 6 -o scene.yaml
       occlog calibrate board.mp4 --board 9x6 -o lens.yaml
       occlog track walk.mcap --scene scene.yaml -o tracks.parquet
     """

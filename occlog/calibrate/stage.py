@@ -10,6 +10,8 @@
 
 5. The result, determined up to a common similarity transform of all cameras, is fitted to the stated poses and the mean
    height of people.
+
+Cameras that share no view are calibrated by people who pass from one view to the next, in place of steps 2 to 4.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
-from occlog.errors import InputError, option
+from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.sort.config import SortConfig
@@ -48,12 +50,15 @@ from .adjustment import (
     Clocks,
     NoiseModel,
     Observations,
+    PathPrior,
 )
 from .config import CalibrateConfig
 from .microphones.arrays import Path
-from .people import Tracklet, observations, on_grid, persons
+from .people import MAX_GAP_S as MAX_UNSEEN_S
+from .people import MAX_KNOTS, Tracklet, observations, on_grid, persons
 from .starts.alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
 from .starts.ground_plane import GroundPlane, ground_plane
+from .starts.handovers import handovers, poses_of_handovers, walkers
 
 GRID_S = 0.25
 """Least step of the grid on which paths are compared [s]."""
@@ -77,6 +82,12 @@ NAMES = {FOCAL: "focal length", RADIAL: "radial coefficient", LATE: "clock"}
 """Parameters that may be undetermined."""
 NOISE = NoiseModel(3.0, 0.04)
 """Errors of the edges of boxes to start from."""
+SIGMA_ANYWHERE = 100.0
+"""Standard deviation of the ground positions of cameras where only their scale is determined [m]."""
+HELD_HEIGHT = 1e-3
+"""Standard deviation of the mean height of people that holds the scale of single cameras [m]."""
+SIGMA_LEVEL = 0.3
+"""Standard deviation of the inclination of a camera alone [rad], and of its height in heights of people."""
 BODY_WIDTH, SIGMA_BODY_WIDTH, SIGMA_LOOSE_HEIGHT = 0.55, 0.15, 0.5
 """Mean width of people and its standard deviation, and that of the mean height while the scale is held [m]."""
 
@@ -120,19 +131,21 @@ class CameraResult(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """Calibration result of C cameras.
+    """Calibration result of all cameras.
 
     Attributes:
-        cameras: results in the order of the input.
-        people: number of people who determine them.
-        mean_height: mean height of people, in scene units.
-        sigma_frame: (4,) standard deviations common to all cameras: x, y (scene units), yaw [rad], scale [1].
+        cameras: in the order of the input.
+        people: number of people who determine it.
+        mean_height: of people.
+        sigma_frame: standard deviations of all cameras together: x, y (scene's unit), yaw [rad], scale [1].
         covariance: (C 12, C 12) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
-        converged: whether the adjustment ended by itself.
-        seen: N boxes that determine the result.
-        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
-        paths: paths of the people, by the common clock.
+        converged: the adjustment ended by itself.
+        seen: boxes that determine it.
+        residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
+        paths: of the people, by the common clock.
+        handovers: of people from view to view, by which cameras that share no view are calibrated; 0: views are shared.
+        ambiguous: handovers that were left out, as more than one person can be meant.
     """
 
     cameras: list[CameraResult]
@@ -145,16 +158,22 @@ class Calibrated(NamedTuple):
     seen: Observations
     residual: Floats
     paths: list[Path]
+    handovers: int = 0
+    ambiguous: int = 0
 
 
 class _Estimate(NamedTuple):
-    """Cameras and clocks between the rounds of the estimation."""
+    """Cameras and clocks of all C cameras, as estimated so far between the rounds of association and adjustment."""
 
     cameras: list[Camera]
     clocks: Clocks
 
 
 Rows = list[tuple[int, int, float, Floats, complex]]
+WALKING = PathPrior(0.005, 0.002, 4.0)
+"""Prior of paths that pass from view to view: people may turn where no camera sees them."""
+MAX_SIGMA_YAW, MAX_SIGMA_POSITION = np.radians(5.0), 1.0
+"""Standard deviations [rad, m] from which a camera without a common view is left as it was."""
 
 
 def calibrate(
@@ -192,6 +211,7 @@ def calibrate(
         ground_plane(camera, np.concatenate([np.zeros((0, 4)), *(b for _, b in own)]), height)
         for camera, own in zip(cameras, boxes, strict=True)
     ]
+    planes = [_as_stated(camera, plane, config) for camera, plane in zip(cameras, planes, strict=True)]
     step("align")
     times = _grid(boxes)
     tracklets = [_tracklets(c, cameras[c], planes[c], boxes[c], height) for c in range(C)]
@@ -208,18 +228,10 @@ def calibrate(
     rough = estimates > 0.0
     sigma[rough, FOCAL], sigma[rough, RADIAL] = estimates[rough], SIGMA_RADIAL
     if np.count_nonzero(used) < 2:
-        raise InputError(
-            "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
-            f"{option('max_clock_offset')}",
-            id="insufficient-data",
-        )
+        step("handovers")
+        return _calibrated_apart(cameras, planes, tracklets, body, config, metre, window_s, seed)
     now = _initial(cameras, planes, poses, times)
-    placed = [
-        t._replace(xy=pose.position + np.exp(1j * pose.yaw) * t.xy)
-        for own, pose in zip(tracklets, poses, strict=True)
-        for t in own
-        if pose is not None
-    ]
+    placed = [_in_common_frame(t, poses) for own in tracklets for t in own if poses[t.camera] is not None]
     group = persons(placed, now.clocks, times, MAX_GAP_S, height)
     rows = _rows(placed, group)
     step("adjust")
@@ -246,8 +258,83 @@ def calibrate(
     return _placed(cameras, done, seen, _after(now, done), used, config, metre, loose)
 
 
+def _calibrated_apart(
+    cameras: Sequence[Camera],
+    planes: Sequence[GroundPlane | None],
+    tracklets: Sequence[Sequence[Tracklet]],
+    body: BodyPrior,
+    config: CalibrateConfig,
+    metre: float,
+    window_s: float,
+    seed: int,
+) -> Calibrated:
+    """Calibrate cameras that share no view by people who pass from one view to the next.
+
+    Rahimi, Dunagan and Darrell (CVPR 2004): poses and paths at once, with a prior of the paths where no camera sees
+    them. Clocks are taken to agree.
+
+    Args:
+        cameras: as stated.
+        planes: of the cameras; None: unknown.
+        tracklets: of each camera, in its level frame.
+        body: prior of people's size.
+        config: settings.
+        metre: a metre in scene units.
+        window_s: width of a time step [s].
+        seed: of the search.
+
+    Raises:
+        InputError: fewer than two cameras are connected by people who pass.
+    """
+    C, every = len(cameras), _thinned([t for own in tracklets for t in own])
+    clocks = Clocks(np.zeros(C), np.zeros(C), 0.0)
+    level = (
+        np.inf if config.sigma_tilt is None else float(np.radians(config.sigma_tilt)),
+        np.inf if config.sigma_height is None else config.sigma_height * metre,
+    )
+    known = np.array([plane is not None for plane in planes])
+    # Each camera alone: inclination and height by the bodies of people, and smooth paths
+    none = PlanarPose(0.0, 0.0j, 0.0)
+    now = _Estimate(_posed(cameras, planes, [none if k else None for k in known]), clocks)
+    sigma = np.where(np.isin(np.arange(PARAMETERS), [3, 4]), 0.0, _prior_sigmas(C, (), clocks=False, drift=False))
+    sigma[:, TURN], sigma[:, 5] = SIGMA_LEVEL, SIGMA_LEVEL * body.height
+    stated = bool(np.isfinite(level[1]))
+    held = body if stated else body._replace(sigma_mean=HELD_HEIGHT * metre)
+    alone = _rows(every, np.arange(len(every)))
+    done, seen = _adjusted(alone, now, known, held, sigma, window_s, WALKING, level=level)
+    chains, velocities = _chains(seen, done)
+    # What is stated of a level is where the adjustment starts from
+    flat = done.cameras if np.isinf(level).all() else now.cameras
+    person, ambiguous = walkers(chains, config.max_gap)
+    passed = handovers(chains, velocities, person)
+    poses = poses_of_handovers(passed, C, metre, np.random.default_rng(seed))
+    while True:
+        used = np.array([pose is not None for pose in poses])
+        if np.count_nonzero(used) < 2:
+            raise InputError(
+                f"no two cameras see the same people, and {len(passed.seconds)} passages from view to view within "
+                f"{config.max_gap:g} s do not determine their poses; record more walks, by one person at a time",
+                id="insufficient-data",
+            )
+        own = [k for k, t in enumerate(chains) if used[t.camera]]
+        moved = [_in_common_frame(chains[k], poses) for k in own]
+        now = _Estimate([_turned(c, pose) for c, pose in zip(flat, poses, strict=True)], clocks)
+        rows = _rows(moved, person[own])
+        sigma = _prior_sigmas(C, (), clocks=False, drift=False)
+        final, seen = _adjusted(rows, now, used, body, sigma, window_s, WALKING, config.max_gap, level)
+        loose = np.zeros((C, PARAMETERS), dtype=np.bool_)
+        found = _placed(cameras, final, seen, clocks, used, config, metre, loose, scaled=stated)
+        weak = np.array([each.estimated and _is_weak(each, metre) for each in found.cameras])
+        if not weak.any():
+            return found._replace(handovers=len(passed.seconds), ambiguous=ambiguous)
+        poses = [None if bad else pose for bad, pose in zip(weak, poses, strict=True)]
+
+
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracklets with their persons, as rows of `observations`; `group` (n,) has each tracklet's person."""
+    """Boxes of n tracklets, each as (person, camera, stamped time [s], box (4,), ground position x + i y).
+
+    `group` (n,) has the person of each tracklet.
+    """
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -358,6 +445,65 @@ def _relative(a: Camera, b: Camera) -> PlanarPose:
     return PlanarPose(angles_from_rotation(b.rotation)[0] - turned, complex(np.exp(-1j * turned) * away), 0.0)
 
 
+def _is_weak(each: CameraResult, metre: float) -> bool:
+    """Whether the yaw or the position of a camera is hardly determined."""
+    sigma_yaw = float(np.linalg.norm(each.camera.rotation[2] * each.sigma[TURN]))
+    return sigma_yaw > MAX_SIGMA_YAW or float(np.hypot(*each.sigma[3:5])) > MAX_SIGMA_POSITION * metre
+
+
+def _as_stated(camera: Camera, plane: GroundPlane | None, config: CalibrateConfig) -> GroundPlane | None:
+    """A ground plane with the inclination and the height that are stated with a standard deviation.
+
+    InputError for a camera that states no height.
+    """
+    if plane is None:
+        return None
+    if config.sigma_height is not None:
+        if not camera.above_floor:
+            raise InputError(
+                f"camera {camera.name} states no height, which sigma_height needs; state its position in the scene",
+                id="insufficient-data",
+            )
+        plane = plane._replace(height=float(camera.position[2]))
+    if config.sigma_tilt is not None:
+        _, pitch, roll = angles_from_rotation(camera.rotation)
+        plane = plane._replace(pitch=pitch, roll=roll)
+    return plane
+
+
+def _thinned(tracklets: Sequence[Tracklet]) -> list[Tracklet]:
+    """Tracks with every n-th box, so that there are at most `MAX_KNOTS` boxes."""
+    step = -(-sum(len(t.t_s) for t in tracklets) // MAX_KNOTS)
+    return [Tracklet(t.camera, t.t_s[::step], t.boxes[::step], t.xy[::step]) for t in tracklets]
+
+
+def _chains(seen: Observations, done: Adjusted) -> tuple[list[Tracklet], list[Complexes]]:
+    """Paths of an adjustment in which each person is seen by one camera, as tracks with complex velocities."""
+    at, speed = (done.states[:, k] + 1j * done.states[:, k + 1] for k in (0, 2))
+    order = np.argsort(seen.knot, kind="stable")
+    camera, box = seen.camera[order], seen.box[order]
+    spans = [slice(a, b) for a, b in zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True)]
+    return [Tracklet(int(camera[s.start]), seen.time[s], box[s], at[s]) for s in spans], [speed[s] for s in spans]
+
+
+def _in_common_frame(track: Tracklet, poses: Sequence[PlanarPose | None]) -> Tracklet:
+    """A track in the level frame of its camera, moved to the frame of the cameras' poses; its camera has one."""
+    pose = poses[track.camera]
+    assert pose is not None
+    return track._replace(xy=pose.position + np.exp(1j * pose.yaw) * track.xy)
+
+
+def _turned(camera: Camera, pose: PlanarPose | None) -> Camera:
+    """A camera of a level frame in the frame in which that has a pose; None: the camera as it is."""
+    if pose is None:
+        return camera
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, pose.yaw]))[0]
+    return replace(
+        camera, position=turn @ camera.position + [pose.position.real, pose.position.imag, 0.0],
+        rotation=turn @ camera.rotation,
+    )  # fmt: skip
+
+
 def _initial(
     cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], times: Floats
 ) -> _Estimate:
@@ -365,18 +511,27 @@ def _initial(
 
     `times` (T,) is the grid of times [s] in steps of which the clock offsets of `poses` are.
     """
-    out, late = [], np.zeros(len(cameras))
-    for c, (camera, plane, pose) in enumerate(zip(cameras, planes, poses, strict=True)):
+    late = np.zeros(len(cameras))
+    used = np.array([pose is not None for pose in poses])
+    late[used] = [pose.late * (times[1] - times[0]) for pose in poses if pose is not None]
+    late[used] -= _middle(late[used])
+    clocks = Clocks(late, np.zeros(len(cameras)), float(0.5 * (times[0] + times[-1])))
+    return _Estimate(_posed(cameras, planes, poses), clocks)
+
+
+def _posed(
+    cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None]
+) -> list[Camera]:
+    """Cameras with the inclinations and heights of their planes, at planar poses; as they were without either."""
+    out = []
+    for camera, plane, pose in zip(cameras, planes, poses, strict=True):
         if plane is None or pose is None:
             out.append(camera)
             continue
-        late[c] = pose.late * (times[1] - times[0])
         position = np.array([pose.position.real, pose.position.imag, plane.height])
         rotation = rotation_from_angles(pose.yaw, plane.pitch, plane.roll)
         out.append(replace(camera, position=position, rotation=rotation, placed=True))
-    used = np.array([pose is not None for pose in poses])
-    late[used] -= _middle(late[used])
-    return _Estimate(out, Clocks(late, np.zeros(len(cameras)), float(0.5 * (times[0] + times[-1]))))
+    return out
 
 
 def _middle(values: Floats) -> float:
@@ -386,6 +541,8 @@ def _middle(values: Floats) -> float:
 
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
     """(C, 12) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
+
+    The parameters are in the order of `CameraResult.sigma`.
 
     Args:
         count: number of cameras.
@@ -403,7 +560,9 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of the cameras' parameters with a finite prior that the data hardly narrow.
+    """(C, 12) mask of the cameras' parameters that the data hardly narrow, in the order of `CameraResult.sigma`.
+
+    These have a finite prior, and a standard deviation above the share `DETERMINED` of the prior's.
 
     Args:
         done: adjustment, with the covariance of the parameters.
@@ -419,21 +578,34 @@ def _with_lens(camera: Camera, stated: Camera) -> Camera:
 
 
 def _adjusted(
-    rows: Rows, now: _Estimate, used: Bools, body: BodyPrior, sigma: Floats, window_s: float
+    rows: Rows,
+    now: _Estimate,
+    used: Bools,
+    body: BodyPrior,
+    sigma: Floats,
+    window_s: float,
+    paths: PathPrior = PathPrior(),  # noqa: B008
+    max_gap_s: float = MAX_UNSEEN_S,
+    level: tuple[float, float] = (np.inf, np.inf),
 ) -> tuple[Adjusted, Observations]:
     """Run a bundle adjustment; return its result and the observations. InputError without people seen by two cameras.
 
-    The gauge is fixed by x and y of the two cameras farthest apart, and by the clock of the one with most boxes.
+    The gauge is fixed by holding x and y of two distant cameras, and one clock.
 
     Args:
-        rows: boxes with their persons (see `observations`).
-        now: initial cameras and clocks.
-        used: (C,) mask of cameras that are adjusted.
-        body: prior of body sizes.
+        rows: boxes with their persons.
+        now: cameras and clocks to start from.
+        used: (C,) cameras that are adjusted.
+        body: prior of people's size.
         sigma: (C, 12) prior standard deviations; 0: fixed, inf: free.
         window_s: width of a time step [s].
+        paths: prior of the paths; with a t distribution people need not be seen by two cameras at one time.
+        max_gap_s: a person who is not seen for longer begins again [s].
+        level: standard deviations of the stated inclinations [rad] and heights; inf: not stated. Heights determine the
+            scale.
     """
-    seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
+    sizes, shared = [c.image_size for c in now.cameras], bool(np.isinf(paths.degrees))
+    seen, states = observations(rows, now.clocks, window_s, sizes, body, max_gap_s, shared=shared)
     if not len(seen.time):
         raise InputError(
             "no person is seen by two cameras for 5 time steps; record people who walk where they overlap",
@@ -442,12 +614,15 @@ def _adjusted(
     count = np.bincount(seen.camera, minlength=len(used))
     own = np.flatnonzero(used & (count > 0))
     free = np.where((used & (count > 0))[:, None], sigma, 0.0)
-    ground = np.array([now.cameras[c].position[:2] for c in own])
-    apart = np.linalg.norm(ground[:, None] - ground[None], axis=-1)
-    for k in np.unravel_index(int(np.argmax(apart)), apart.shape):
-        free[own[k], 3:5] = 0.0
+    if np.isinf(level[1]):
+        ground = np.array([now.cameras[c].position[:2] for c in own])
+        apart = np.linalg.norm(ground[:, None] - ground[None], axis=-1)
+        for k in np.unravel_index(int(np.argmax(apart)), apart.shape):
+            free[own[k], 3:5] = 0.0
+    else:
+        free[own, 3:5] = np.minimum(free[own, 3:5], SIGMA_ANYWHERE * body.metre)
     free[own[int(np.argmax(count[own]))], [LATE, DRIFT]] = 0.0
-    return Adjustment(now.cameras, seen, states, body, free, now.clocks, NOISE).run(), seen
+    return Adjustment(now.cameras, seen, states, body, free, now.clocks, NOISE, paths, level).run(), seen
 
 
 def _scaled_to(now: _Estimate, scale: float) -> _Estimate:
@@ -466,8 +641,8 @@ def _associated(
 ) -> Rows:
     """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks.
 
-    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, as rows of
-    `observations`.
+    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, each as (person, camera,
+    stamped time [s], box (4,), ground position x + i y).
 
     Args:
         frames: boxes of all cameras.
@@ -527,22 +702,25 @@ def _placed(
     config: CalibrateConfig,
     metre: float,
     loose: Bools,
+    *,
+    scaled: bool = False,
 ) -> Calibrated:
     """Transform the result to world coordinates, by the stated poses and the mean height of people.
 
     Args:
         stated: C cameras as stated.
-        done: result of the adjustment.
+        done: adjustment.
         seen: its observations.
-        clocks: clocks of the cameras.
-        used: (C,) mask of cameras that were adjusted.
+        clocks: of the cameras.
+        used: (C,) cameras that were adjusted.
         config: height of people and uncertainty of stated poses.
-        metre: length of a metre in scene units.
-        loose: (C, 12) mask of parameters that the data hardly narrow.
+        metre: a metre in scene units.
+        loose: (C, 12) parameters that the data hardly narrow.
+        scaled: the adjustment has the scale of the world already.
     """
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
-    log_scale = float(np.log(config.person_height * metre / done.mean_height))
+    log_scale = people = 0.0 if scaled else float(np.log(config.person_height * metre / done.mean_height))
     precision = (config.person_height / config.sigma_mean_height) ** 2
     yaw, shift, information = 0.0, 0.0j, np.zeros(4)
     here = np.array([complex(*c.position[:2].tolist()) for c in done.cameras])
@@ -563,11 +741,9 @@ def _placed(
             yaw = float(np.angle(pull))
             # Scale: heights of people, and distances between the cameras
             along = float(((np.exp(-1j * yaw) * w) * np.conj(z)).sum().real)
-            weight = spread * scale**2 / sp**2
+            weight = 0.0 if scaled else spread * scale**2 / sp**2
             target = np.log(max(along / max(spread, 1e-12), 1e-6)) if spread > 0 else log_scale
-            log_scale = (precision * np.log(config.person_height * metre / done.mean_height) + weight * target) / (
-                precision + weight
-            )
+            log_scale = (precision * people + weight * target) / (precision + weight)
         scale = np.exp(log_scale)
         shift = complex(there[known].mean() - scale * np.exp(1j * yaw) * here[known].mean())
         information = np.array(
@@ -582,7 +758,9 @@ def _placed(
     cameras = [
         replace(c, position=scale * turned @ c.position + offset, rotation=turned @ c.rotation) for c in done.cameras
     ]
-    covariance = _inner(done.covariance, cameras, own, scale, turned)
+    if scaled:
+        information[3] = 0.0
+    covariance = _inner(done.covariance, cameras, own, scale, turned, scaled=scaled)
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     names = [_loose_names(each) for each in loose]
@@ -618,7 +796,7 @@ def _result(
         seen: its observations.
         clocks: clocks of the cameras.
         used: (C,) mask of cameras that were adjusted.
-        covariance: (C 12, C 12) of the parameters.
+        covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`.
         frame: (4,) standard deviations common to all cameras: x, y, yaw [rad], scale [1].
         mean_height: mean height of people.
         undetermined: for each camera, names of parameters that the data hardly narrow.
@@ -651,17 +829,20 @@ def _result(
     )  # fmt: skip
 
 
-def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
+def _inner(
+    covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats, *, scaled: bool
+) -> Floats:
     """(C 12, C 12) covariance relative to the common similarity transform of all cameras.
 
     S-transformation (Baarda 1973): mean x, y, yaw and scale of the camera positions are held fixed.
 
     Args:
-        covariance: (C 12, C 12) of the parameters in the frame of the adjustment.
+        covariance: (C 12, C 12) in the frame of the adjustment.
         cameras: C cameras in the world.
         own: indices of those that were adjusted.
-        scale: scale of the world over that of the adjustment.
-        turned: (3, 3) rotation from the frame of the adjustment to the world.
+        scale: of the world over that of the adjustment.
+        turned: (3, 3) rotation to the world.
+        scaled: the scale is determined, and is not common to all.
     """
     C = len(cameras)
     J = np.zeros((C * PARAMETERS, C * PARAMETERS))
@@ -675,7 +856,7 @@ def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: floa
         G[k + 3, 0] = G[k + 4, 1] = 1.0
         G[k : k + 3, 2] = cameras[c].rotation.T @ [0.0, 0.0, 1.0]
         G[k + 3 : k + 6, 2] = [-away[1], away[0], 0.0]
-        G[k + 3 : k + 6, 3] = away
+        G[k + 3 : k + 6, 3] = 0.0 if scaled else away
         D[k + 3 : k + 5] = 1.0
     world = J @ covariance @ J.T
     P = np.eye(len(D)) - G @ np.linalg.pinv(G.T @ (D[:, None] * G)) @ (G.T * D)

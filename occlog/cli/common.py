@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_common(command: click.Command) -> None:
-    """Add the options that are the same everywhere to a command, or to those of a group."""
+    """Add the options that all commands have, such as `--input-units` and `-v`, to a command or to those of a group."""
     if isinstance(command, click.Group):
         for each in command.commands.values():
             add_common(each)
@@ -46,9 +46,9 @@ def add_common(command: click.Command) -> None:
 
 
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the callback of a command preceded by a check that its inputs exist.
+    """Return a callback that checks that all inputs exist, then calls the given callback of a command.
 
-    Errors in the command line are reported first, since settings of `--set` are checked by the callback.
+    With settings (`--set`) the check is left out: the callback reports errors in the command line first.
     """
 
     @wraps(callback)
@@ -76,7 +76,7 @@ def _dry_run(ctx: click.Context, param: click.Parameter, given: bool) -> None:  
 
 
 def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> None:  # noqa: ARG001
-    """Callback of the flag `-v` (`given`): print details with elapsed times, and total time and memory at the end."""
+    """Callback of the flag `-v`: if `given`, print details with elapsed times, and total time and memory at the end."""
     if not given or ctx.resilient_parsing:
         return
     start, command = time.perf_counter(), ctx.info_name
@@ -94,7 +94,7 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
 
 
 def peak_memory() -> int | None:
-    """Peak resident memory of this process [bytes]; None if the system does not report it (Windows)."""
+    """Return the peak resident memory of this process [bytes]; None if the system does not report it (Windows)."""
     try:
         import resource
     except ImportError:
@@ -116,7 +116,7 @@ def _input_units() -> click.Option:
 
 
 def _state(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> None:  # noqa: ARG001
-    """Callback of `--input-units`: make the units in `texts` hold for all files read until the command ends."""
+    """Callback of `--input-units`: let the units in `texts` apply to all files that are read until the command ends."""
     if texts and not ctx.resilient_parsing:
         from occlog.io.files.input_units import stated_units
 
@@ -142,7 +142,7 @@ def _origin() -> click.Option:
 
 
 def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
-    """Callback of an option: set the geodetic origin stated by `text` until the command ends, and return it.
+    """Callback of `--origin`: set the geodetic origin given as `text` until the command ends, and return it.
 
     None if the option is not given.
     """
@@ -169,14 +169,14 @@ def _reader() -> click.Option:
 
 
 def _takes_reader(command: click.Command) -> bool:
-    """Whether inputs of a command may be files of a reader plug-in."""
+    """Return whether inputs of a command may be files that a reader plug-in can read."""
     return command.name == "ingest" or any(isinstance(param.type, Input) for param in command.params)
 
 
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
-    """Return a copy of the command with the settings of the reader plug-in that is named on the command line.
+    """Return a copy of the command with options for the settings of the reader plug-in named on the command line.
 
-    The command itself, if `words` (the arguments) name none, or it has no option `--reader`.
+    The command itself, if the arguments `words` name none, or it has no option `--reader`.
     """
     name = value_after(words, "--reader")
     if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
@@ -206,13 +206,13 @@ def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
 
 
 def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter, value: object) -> None:  # noqa: ARG001
-    """Callback of an option of a reader plug-in: add its setting as text to `values`, in place, if it was given."""
+    """Callback of an option of a reader plug-in: if it is given, add its setting to `values`, in place."""
     if value not in (None, ()) and isinstance(param, SettingOption):
         values[param.setting] = param.default_text(value)
 
 
 def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001
-    """Callback of the option that names a reader: read files by the plug-in `chosen` until the command ends.
+    """Callback of `--reader`: let the plug-in `chosen` read files of its types until the command ends.
 
     `name`: value of the option; None: not given, nothing changes.
     """
@@ -227,7 +227,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """UsageError, after a command, if a stated unit, origin or reader was not used."""
+    """Raise UsageError, after a command, if a unit, origin or reader given as an option was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

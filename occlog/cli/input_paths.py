@@ -30,14 +30,13 @@ class Input(click.Path):
     def __init__(self, *, some: bool = False) -> None:
         """Create the type; existence is checked later by `check_there`, readability by the reader.
 
-        Args:
-            some: true: of several some may be missing, which the command states itself.
+        `some`: of several paths some may be missing, which the command reports itself.
         """
         super().__init__(path_type=Path, allow_dash=True)
         self.some = some
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path that `value` names; for `-` that of a temporary file with all of standard input.
+        """Return the path that `value` names; for `-` that of a temporary file with the content of standard input.
 
         Usage error if `-` is given for a second input.
         """
@@ -51,9 +50,9 @@ class Input(click.Path):
 
 
 def check_there(ctx: click.Context) -> None:
-    """InputError, with the most similar name in the folder, if an input of the command is missing.
+    """Raise InputError, with the most similar name in the folder, if an input of the command is missing.
 
-    Called before the command's modules are imported, which takes much longer.
+    It is called before the command's modules are imported, which takes much longer.
     """
     for param in ctx.command.get_params(ctx):
         if not isinstance(param.type, Input) or param.name is None:
@@ -71,7 +70,7 @@ def no_such_file(path: Path) -> InputError:
 
 
 def is_missing(path: Path) -> bool:
-    """Whether no file or folder of that name exists."""
+    """Return whether no file or folder of that name exists; False if it cannot be accessed."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -83,7 +82,7 @@ def is_missing(path: Path) -> bool:
 
 
 def _nearest(path: Path) -> str:
-    """Return a hint at the most similar name in the same folder; empty if none is similar."""
+    """Return a hint at the most similar name in the same folder, or a general one, as the end of a message."""
     import difflib
     import itertools
 
@@ -97,7 +96,10 @@ def _nearest(path: Path) -> str:
 
 @contextmanager
 def standard_input() -> Iterator[Path]:
-    """Context manager: copy standard input to a temporary file named `-` (the name in provenance); yield its path."""
+    """Context manager that copies standard input to a temporary file named `-`, and yields its path.
+
+    Provenance then has this name. InputError if standard input is a terminal or empty.
+    """
     import tempfile
 
     if sys.stdin is None or sys.stdin.isatty():

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
+from occlog.console.collection import COLLECTION
 from occlog.console.foreign_code import hidden
 from occlog.console.interrupts import INTERRUPTS
 from occlog.console.notes import DRY_RUN, NOTED_ONCE, QUIET, DryRunPlan, DryRunStop
@@ -25,10 +26,10 @@ from .startup import UnknownNameError, allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
-    """Entry of the table of commands: module and name of the request (or a module with `command`), summary, group.
+    """Entry of the table of commands.
 
     Attributes:
-        where: module and name, `module:NAME`, or a module with `command`.
+        where: module and name of the request class, as `module:NAME`, or a module with `command`.
         summary: one line.
         group: heading under which `occlog --help` lists it.
     """
@@ -159,10 +160,11 @@ COMMANDS = {
 
 @cache
 def load_command(name: str) -> click.Command:
-    """Import and return the command of that name in `COMMANDS`."""
+    """Import and return the command of that name in `COMMANDS`, as a click command."""
     where, summary, _ = COMMANDS[name]
     if ":" not in where:
         command: click.Command = importlib.import_module(where).command
+        COLLECTION.resume()
         return command
     from occlog.request import load
 
@@ -188,14 +190,14 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 
 class LazyGroup(click.Group):
-    """Click group that imports a command when it is called."""
+    """Click group of all commands, which imports a command when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """All commands, by their groups and in the order of a pipeline."""
+        """Return the names of all commands, by their groups and in the order of a pipeline."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the command `cmd_name` with the options that all commands have; None if unknown."""
+        """Import and return the command `cmd_name`, with the options that all commands have; None if unknown."""
         if cmd_name not in COMMANDS:
             return None
         from .common import add_common, with_reader
@@ -226,7 +228,10 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return name, command and arguments of the words `args`; the message on an unknown name suggests another."""
+        """Return name, command and remaining arguments of the words `args`.
+
+        An error on an unknown name suggests another.
+        """
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
@@ -234,7 +239,10 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse `args` up to the command name; an unknown option before it is refused, since options go after it."""
+        """Parse `args` up to the command name.
+
+        Usage error for an unknown option before it, since options go after it.
+        """
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -258,12 +266,16 @@ def cli() -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the command line (`args` None: that of the process), and leave the process with its exit code."""
+    """Run the command line, and leave the process with its exit code; `args`: its words, None: those of the process."""
+    COLLECTION.pause()
     INTERRUPTS.install()
     streams.install()
     allow_open_files()
     _only_own_lines()
-    code = run(args)
+    try:
+        code = run(args)
+    finally:
+        COLLECTION.resume()
     INTERRUPTS.end()
     sys.exit(code)
 
@@ -275,7 +287,7 @@ def _only_own_lines() -> None:
 
 
 def run(args: list[str] | None = None) -> int:
-    """Run the command line (`args` None: that of the process), and return the exit code."""
+    """Run the command line, and return the exit code; `args`: its words, None: those of the process."""
     words = sys.argv[1:] if args is None else args
     NOTED_ONCE.clear()
     loud = QUIET.set(False)
@@ -309,7 +321,7 @@ def run(args: list[str] | None = None) -> int:
 
 
 class Explained(NamedTuple):
-    """An error as reported to the user: line, exit code, id."""
+    """An error as reported to the user: message in one line, exit code, and id in `occlog.records.error_ids.ERRORS`."""
 
     message: str  # one line
     code: ExitCode
@@ -317,7 +329,7 @@ class Explained(NamedTuple):
 
 
 def explain(error: Exception) -> Explained:
-    """Return line, exit code and id of the error that ends a command."""
+    """Return message, exit code and id for the error that ends a command; also for an unexpected one (a bug)."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
         message = error.format_message().rstrip(".")
@@ -344,7 +356,7 @@ def explain(error: Exception) -> Explained:
 
 
 def _id_of(error: click.UsageError) -> str:
-    """Return the id in `docs/reference/errors.md` of an error of the command line."""
+    """Return the id (of `docs/reference/errors.md`) of an error in the command line."""
     for each in (error, error.__cause__):
         if isinstance(each, click.NoSuchOption | UnknownNameError):
             return "unknown-name"
@@ -356,7 +368,7 @@ def _id_of(error: click.UsageError) -> str:
 
 
 def _bug(error: Exception) -> str:
-    """Return the report of an unexpected error: kind, location, and data for a bug report."""
+    """Return the message about an unexpected error: kind, location, and what to report."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
@@ -381,7 +393,10 @@ def _show_plan(as_json: bool) -> None:
 
 
 def _fail(error: Explained, words: Sequence[str]) -> int:
-    """Print an error on standard error, one line or, with `--json` in `words`, a JSON object; return the exit code."""
+    """Print an error on standard error, as a line or, with `--json` in `words`, as a JSON object.
+
+    Return the exit code.
+    """
     from occlog.console.notes import named
     from occlog.console.text import shortened
 
@@ -400,7 +415,7 @@ def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, 
     """Return an error message as an object with `error`, `file`, `hint` and `exit_code`.
 
     Args:
-        message: `FILE: TEXT; HINT`; a part is the file if it is an argument or exists.
+        message: `FILE: TEXT; HINT`; its begin is the file if it is an argument or exists.
         code: exit code of the command.
         words: arguments of the command.
     """

@@ -62,19 +62,25 @@ workers_opt = click.option(
 
 
 def set_opt(example: str) -> Callable[[F], F]:
-    """Decorator that adds `--set NAME=VALUE`, repeated, for settings without an option; `example` is for its help."""
+    """Decorator that adds `--set NAME=VALUE` for settings without an option of their own.
+
+    `example`: one for its help.
+    """
     return click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
     )
 
 
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
-    """Decorator that adds the option `-o/--output`, a path, with the help `help_text`; `required`: no default."""
+    """Decorator that adds the option `-o/--output`, a path; `help_text`: its help.
+
+    `required`: whether it must be given.
+    """
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
 
 
 class Finite(click.FloatRange):
-    """Parameter type: number in a range, without NaN and infinity (which click accepts)."""
+    """Parameter type: number in a range, without NaN and infinity (which click accepts in ranges)."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return `value` as a float; usage error unless it is finite and in the range."""
@@ -93,7 +99,7 @@ class AnyFinite(FloatParamType):
 
 
 class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """Parameter type: number with a lower limit, or path of a file that states it."""
+    """Parameter type: number with a lower limit, or path of a file that states the number."""
 
     name = "number or file"
 
@@ -102,7 +108,7 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         self._number, self._path = Finite(low), click.Path(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """Return `value` as a float, or as a path if it is no number; usage error for one that is not allowed."""
+        """Return `value` as a float, or as a path if it is no number; usage error for a number below the limit."""
         try:
             float(value)
         except (TypeError, ValueError):
@@ -111,13 +117,13 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 
 
 class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """Two whole numbers: a range A:B, or a size WIDTHxHEIGHT."""
+    """Parameter type: two whole numbers, as a range A:B or (with `size`) a size WIDTHxHEIGHT."""
 
     def __init__(self, *, size: bool) -> None:
         self.name, self._size = "size" if size else "range", size
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return `value`, for example `0:100` or `640x480`, as two whole numbers; usage error for anything else."""
+        """Return `value`, for example `0:100` or `640x480`, as two whole numbers; usage error for another text."""
         if isinstance(value, tuple):
             return value
         try:
@@ -144,12 +150,12 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def parse_window(seconds: float) -> int:
-    """Return a duration [ns] from seconds; UsageError unless finite and in the range of times."""
+    """Return a duration in seconds as nanoseconds; UsageError for NaN or more than `LONGEST_WINDOW_S`."""
     return round(parse_seconds("--window", seconds) * 1e9)
 
 
 def parse_seconds(option: str, seconds: float) -> float:
-    """Return `seconds` as it is; UsageError, which names the option, for NaN or more than the range of times."""
+    """Return `seconds` unchanged; UsageError, which names the option, for NaN or more than `LONGEST_WINDOW_S`."""
     if seconds != seconds:
         raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:

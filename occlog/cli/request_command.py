@@ -29,11 +29,11 @@ from .setting_options import (
 
 
 def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:
-    """Create the command of a verb; its help is the docstring of the request class.
+    """Return the click command of a request; its help is the docstring of the request class.
 
     Args:
         verb: request class; or several of them, chosen by an option (`Verb`) or as subcommands (`Verbs`).
-        name: of the command.
+        name: name of the command.
         short_help: its line in the list of commands.
     """
     if isinstance(verb, Verbs):
@@ -90,11 +90,11 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
 
 def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[str]:
-    """Positional arguments of a command line.
+    """Return the positional arguments among the words of a command line.
 
     Args:
         args: the words.
-        known: parameters of all kinds.
+        known: parameters of all kinds of the command, by which options with a value are known.
     """
     takes = {name for p in known if isinstance(p, click.Option) and not p.is_flag for name in p.opts}
     found: list[str] = []
@@ -116,7 +116,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[st
 
 
 def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
-    """Return the variant of a command for one kind of request, with the fields that are not shared by all kinds."""
+    """Return the variant of a command for one kind of request: fields that not all kinds share, and settings."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     @cache
@@ -137,7 +137,10 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 
 
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
-    """Run the kind of request that the arguments choose, and return the exit code: callback of the command."""
+    """Callback of a command with several kinds of requests: run the kind that the arguments choose.
+
+    Return the exit code.
+    """
     name = click.get_current_context().meta[CHOSEN]
     kind = verb.kind(name)
     assert kind is not None  # checked when the command was parsed
@@ -159,10 +162,10 @@ def _do(
     settings: Collection[str] = (),
     **values: Any,
 ) -> int:
-    """Build the request from the options, run it, print its result, and return the exit code.
+    """Callback of a command: build the request from the options, run it, print its result, and return the exit code.
 
     Args:
-        form: of the request.
+        form: fields and settings of the request.
         overwrite: replace outputs that exist.
         quiet: print no notes and no progress.
         as_json: print the summary as one JSON object.
@@ -188,10 +191,10 @@ def _do(
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
-    """Build the request from the options of a command.
+    """Return the request made from the options of a command.
 
     Args:
-        form: of the request.
+        form: fields and settings of the request.
         values: values of the options by parameter name; None or () is not given.
         settings: texts `NAME=VALUE` of `--set`.
     """
@@ -209,7 +212,7 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
 def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
     """Return the click option or argument of one field of a request.
 
-    `verb`: verb of several requests; its kinds are the names that an option which chooses among them takes.
+    `verb`: command with several kinds of requests; for the option that chooses a kind, shells complete their names.
     """
     of = entry.file
     if (plugged := entry.plugged) is not None:
@@ -243,14 +246,17 @@ def _strict(request: type[Request]) -> list[click.Option]:
 
 
 def _common(example: str) -> list[click.Option]:
-    """Return the options of every request: --set, --overwrite, --quiet and --json; no --set if `example` is empty."""
+    """Return the options of every request: --set, --overwrite, --quiet and --json.
+
+    `example`: a setting for the help of --set; empty: no --set.
+    """
     decorators = [options.set_opt(example)] if example else []
     decorators += [options.overwrite_opt, options.quiet_opt, options.json_opt]
     return [_made(each) for each in decorators]
 
 
 def _made(decorator: Callable[[Any], Any]) -> click.Option:
-    """The option that a click decorator adds to a function."""
+    """Return the option that a click decorator adds to a function."""
 
     def function() -> None:
         """Do nothing: function on which the decorator of an option leaves its click parameter."""

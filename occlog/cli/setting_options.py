@@ -46,11 +46,11 @@ class SettingOption(click.Option):
     """Click option of a declared setting; its value is None if not given.
 
     Args:
-        settings: the class.
+        settings: class of the setting.
         f: its field.
-        prefix: of the parameter's name, where a command has settings of one name from several classes.
-        under: of the option's name: `--gate` under `fuse` is `--fuse-gate`; there a setting that declares no option
-            has its own name.
+        prefix: of the parameter's name, if a command has settings of one name from several classes.
+        under: prefix of the option's name: `--gate` under `fuse` is `--fuse-gate`; with it, a setting that declares no
+            option gets one by its name.
         names: values that a shell completes; empty: those of the option's type.
     """
 
@@ -86,18 +86,18 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """Return an option value as a value of the setting, in its own unit."""
+        """Return a value of the option as a value of the setting, in the setting's own unit."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
-        """Whether an error is about this option's setting."""
+        """Return whether an error is about this option's setting."""
         return (self.owner, self.setting) == (error.owner, error.setting)
 
 
 def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
     """Return the click type for values of the settings field `f`, with the declared range or choices.
 
-    Limits are in the unit of the option (`Declaration.scale`).
+    Limits are converted to the unit of the option (`Declaration.scale`).
     """
     spec, kind = declaration(f), plain_kind(kind_of(settings, f.name))
     if spec.frames or spec.size:
@@ -141,7 +141,7 @@ def default_words(f: Field[object]) -> str:
 
 
 def value_words(f: Field[object], value: object) -> str:
-    """Return a value of the settings field `f` as typed on the command line."""
+    """Return a value of the settings field `f` as it is typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"
     if isinstance(value, bool):
@@ -161,7 +161,7 @@ def with_options(
         settings: the class.
         only: names of settings; empty: all.
         without: names of settings to omit.
-        prefix: of the parameters' names.
+        prefix: put before the names of the parameters.
     """
     return add_options(options_of(settings, only=only, without=without, prefix=prefix))
 
@@ -210,12 +210,12 @@ def options_of(
 
 
 def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str = "") -> dict[str, Any]:
-    """Return the settings that were given by options, by name of the field, in the unit of the setting.
+    """Return the settings that were given as options, by name of the field, in the unit of the setting.
 
     Args:
-        settings: class whose options are taken.
+        settings: class of the settings.
         values: values of all options by parameter name; None or () is not given.
-        prefix: before the names of its parameters.
+        prefix: before the names of the class's parameters.
     """
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
@@ -223,7 +223,10 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
 
 
 def in_own_unit(value: Any, spec: Declaration) -> Any:
-    """Return an option value as a value of the setting: times `spec.scale`, or the names of a repeated option."""
+    """Return a value of an option as a value of its setting: times `spec.scale`.
+
+    A repeated option gives a tuple of names.
+    """
     if spec.repeat:
         texts = () if spec.whole else (text for text in value if isinstance(text, str))
         return tuple(name for text in texts for name in listed(text)) or tuple(value)
@@ -237,7 +240,7 @@ def flag_of(settings: type[Settings], name: str) -> str:
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Return name and description of each setting without an option, for --help; `without`: names left out."""
+    """Return name and description of each setting that has no option, for --help; `without`: names left out."""
     rows = []
     for f in declared(settings):
         spec = declaration(f)
@@ -248,7 +251,7 @@ def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> 
 
 
 def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[Settings]) -> None:
-    """Write a section of --help, under `heading`, with the settings that have no option; none if there are none."""
+    """Write a section of --help, titled `heading`, with the settings that have no option; nothing without such."""
     rows = settings_table(settings)
     if rows:
         with formatter.section(heading):
@@ -256,20 +259,20 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
 
 
 def unknown_option(name: str, params: Iterable[click.Parameter]) -> str:
-    """Return the message about the unknown option `name`, with up to three similar ones among `params`."""
+    """Return the message about an unknown option, with up to three similar ones among `params`."""
     near = nearest(name, [flag for each in params for flag in (*each.opts, *each.secondary_opts)], n=3)
     return f"No such option {name!r}." + (f" Did you mean {' or '.join(map(repr, near))}?" if near else "")
 
 
 @dataclass(frozen=True)
 class CommandVariant:
-    """A variant of a command, with its own options.
+    """A variant of a command, such as one tracking method, with its own options.
 
     Attributes:
         summary: one line.
-        params: makes its options; called when the variant is chosen.
-        settings: makes the classes of settings that --help lists without an option.
-        called: how it is chosen, if not as the command's other variants are.
+        params: returns its options; called when the variant is chosen.
+        settings: returns the settings classes that --help lists without an option.
+        called: words that choose it, if not as the command's other variants; None: as these.
         about: paragraphs of its help, with an example; None: the help is that of the command.
     """
 
@@ -281,10 +284,10 @@ class CommandVariant:
 
 
 class SettingsCommand(click.Command):
-    """A command with declared settings; a value out of range is a usage error that names the option.
+    """Click command with declared settings; a value out of range is a usage error that names the option.
 
     Args:
-        settings: makes the class of settings that --help lists without an option; None: none.
+        settings: returns the settings class that --help lists without an option; None: none.
     """
 
     def __init__(self, *args: Any, settings: Callable[[], type[Settings]] | None = None, **kwargs: Any) -> None:
@@ -340,15 +343,15 @@ class SettingsCommand(click.Command):
 
 
 class VariantCommand(SettingsCommand):
-    """A command with shared options, and with those of the variant that the arguments choose.
+    """Click command with shared options, and with those of the variant that the arguments choose.
 
     Args:
         variants: by name.
-        choose: the variant that arguments choose; None: they choose none.
-        default: the variant where none is chosen.
-        more: makes third-party variants; called for a name that `variants` does not have, and for --help.
-        shows_default: --help without a choice shows what that one takes too.
-        what: how a variant is called, for example `method`.
+        choose: returns the name of the variant that the arguments choose; None: they choose none.
+        default: name of the variant if none is chosen.
+        more: returns variants of plug-ins; called for a name that `variants` does not have, and for --help.
+        shows_default: whether --help without a choice shows the options of the default variant.
+        what: noun for a variant, for example `method`.
         chosen_by: how a variant is chosen, with {} for its name, for example `--method {}`.
     """
 
@@ -370,7 +373,7 @@ class VariantCommand(SettingsCommand):
         self.what, self.chosen_by, self.more = what, chosen_by, more
 
     def variant(self, name: str) -> CommandVariant | None:
-        """The variant of that name, built in or of a plug-in; None if missing."""
+        """Return the variant of that name, built in or of a plug-in; None if missing."""
         return self.variants[name] if name in self.variants else self.more().get(name)
 
     def existing(self, name: str) -> CommandVariant:
@@ -380,7 +383,7 @@ class VariantCommand(SettingsCommand):
         return found
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Shared options, then those of the chosen variant; --help without a choice has the shared ones."""
+        """Return the shared options, then those of the chosen variant, if any (none for --help without a choice)."""
         shared = super().get_params(ctx)
         name = ctx.meta.get(CHOSEN)
         if name is None:
@@ -392,7 +395,7 @@ class VariantCommand(SettingsCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Choose the variant named in `args`, parse with its options, and return the words that are left.
 
-        Usage error for an unknown variant, an option of other variants (which it names), or an argument too many.
+        Usage error for an unknown variant, an option of other variants (which it names), or superfluous arguments.
         """
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
@@ -412,7 +415,7 @@ class VariantCommand(SettingsCommand):
         return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Return the message on an option of other variants than `name`, with the remedy; click's if none has it."""
+        """Return the message on an option that the variant `name` lacks: which variants have it, or similar options."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -424,7 +427,7 @@ class VariantCommand(SettingsCommand):
         return f"{statement}; leave it out, or choose one that has it"
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
-        """Settings classes that --set accepts: those of the variant."""
+        """Return the settings classes that --set accepts: those of the chosen variant."""
         return self.existing(ctx.meta[CHOSEN]).settings()
 
     def called(self, name: str) -> str:
@@ -482,12 +485,12 @@ def _texts_of_set(ctx: click.Context) -> Sequence[str]:
 
 
 def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:
-    """Return (option, help) for each of the parameters that is a visible option."""
+    """Return (option, help) for each of the parameters that is a visible option, for --help."""
     return [row for p in params if isinstance(p, click.Option) and (row := p.get_help_record(ctx)) is not None]
 
 
 def value_after(args: Sequence[str], flag: str) -> str | None:
-    """Return the value of the option `flag` in `args`, the last one if repeated; None if not given."""
+    """Return the value of the option `flag` in the words `args`, the last one if repeated; None if not given."""
     return next(iter(values_after(args, flag)[::-1]), None)
 
 
@@ -509,12 +512,12 @@ CHOSEN_PLUGINS = "occlog.plugins"
 
 
 class PluggedCommand(SettingsCommand):
-    """A command with an option that names a plug-in.
+    """Click command with an option that names a plug-in, and with the options of the named plug-ins.
 
     Args:
         flag: the option.
-        kind: of the plug-ins.
-        ours: values that name none.
+        kind: kind of the plug-ins.
+        ours: values of the option that name no plug-in.
     """
 
     def __init__(self, *args: Any, flag: str, kind: str, ours: Collection[str] = (), **kwargs: Any) -> None:
@@ -522,7 +525,7 @@ class PluggedCommand(SettingsCommand):
         self.flag, self.kind, self.ours = flag, kind, ours
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Own options of the command, then those of the plug-ins."""
+        """Return the command's own options, then those of the named plug-ins."""
         shared = super().get_params(ctx)
         own = [option for some in ctx.meta.get(CHOSEN_PLUGINS, {}).values() for option in some]
         last = shared[-1:] if shared and shared[-1].name == "help" else []
@@ -564,8 +567,8 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
     """Return the plug-in of a name and kind; UsageError, with the most similar name, if missing.
 
     Args:
-        name: of the plug-in.
-        kind: of the plug-in, for example `filter`.
+        name: name of the plug-in.
+        kind: kind of the plug-in, for example `filter`.
         flag: option that named it, for the message.
         ours: names of occlog itself that the option takes, for the suggestion.
     """
@@ -577,7 +580,7 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
 
 
 def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[SettingOption]:
-    """Return an option for each setting of a plug-in.
+    """Return a command-line option for each setting of a plug-in.
 
     `there`: parameters of the command; PluginError if one of them has the name of such an option.
     """
@@ -592,7 +595,10 @@ def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[Set
 
 
 def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen, ...]:
-    """Return the plug-ins named in the arguments, with their settings from the option values."""
+    """Return the plug-ins named on the command line, with those of their settings that were given.
+
+    `values`: values of all options by parameter name.
+    """
     plugins: dict[Plugin, list[SettingOption]] = ctx.meta.get(CHOSEN_PLUGINS, {})
     out = []
     for plugin, options in plugins.items():

@@ -20,7 +20,7 @@ NOT_KEPT = (
 
 
 class UnknownNameError(click.UsageError):
-    """A command or a method that occlog does not have."""
+    """Usage error for a command or a method that occlog does not have."""
 
 
 @contextmanager
@@ -64,7 +64,7 @@ def allow_open_files() -> None:
 
 
 def open_files_limit() -> int | None:
-    """Current soft limit of open files; None if there is none."""
+    """Return the current soft limit of open files; None if there is none (unlimited, or Windows)."""
     if "resource" not in globals():
         return None
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -29,10 +29,10 @@ class ReaderGoneError(OcclogError):
 
 
 class _Output(io.FileIO):
-    """A standard stream; after a failure, further output is discarded."""
+    """A standard stream; the first failure of writing is raised, and further output is discarded."""
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write `data` and return the number of bytes; the first failure is reported, later ones write nowhere."""
+        """Write `data` and return the number of bytes; the first failure is reported, later output is discarded."""
         try:
             return super().write(data)
         except OSError as error:
@@ -46,7 +46,7 @@ class _Output(io.FileIO):
 
 
 class _Text(io.TextIOWrapper):
-    """Text layer of a standard stream that escapes control characters in names and values."""
+    """Text layer of a standard stream that escapes control characters, which come from names and values in files."""
 
     bars = False
 

@@ -19,7 +19,11 @@ SIZE = (120, 160)
 
 
 def image(k: int, size: tuple[int, int] = SIZE) -> Image:
-    """Return the image k of a film, (height, width, 3): two bright figures walk through a grey room with noise."""
+    """Return frame `k` of a sample film: two bright figures that walk through a grey room with noise.
+
+    `size`: height and width [px]. The image is (height, width, 3), BGR, uint8; the same `k` always gives the same
+    image.
+    """
     high, wide = size
     rng = np.random.default_rng(k)
     out = rng.normal(60.0, 3.0, (high, wide, 3))
@@ -30,15 +34,16 @@ def image(k: int, size: tuple[int, int] = SIZE) -> Image:
 
 
 def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = None) -> list[Detected]:
-    """Run a detector of class `of` on images and return its detections of each.
+    """Run a detector of class `of` on images, and return its detections in each.
 
     Args:
         of: class of the plug-in.
         images: frames in the order of time.
         what: words for the call in messages.
-        own: detector that goes on; None: a new one.
+        own: detector to continue with; None: a new one.
 
-    BrokenError if it raises, or returns impossible boxes.
+    Raises:
+        BrokenError: the detector raises, or returns impossible boxes.
     """
     with called("a new detector"):
         seeing = start(of) if own is None else own
@@ -69,9 +74,10 @@ def use(of: Any) -> list[tuple[bytes, ...]]:
 
 
 def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
-    """BrokenError if what the detector returns has a fault that begins with one of these texts.
+    """Raise BrokenError if the detections in four frames have a fault, the text of which begins with one of `starts`.
 
-    `rest`: if it has a fault that begins with none of them.
+    With `rest` it is raised for a fault, the text of which begins with none of them. A detector that raises an error
+    passes here, since other checks report that.
     """
     try:
         own = start(of)
@@ -105,7 +111,10 @@ def check_scores(of: Any) -> None:
 
 
 def check_inside(of: Any) -> None:
-    """Check that boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
+    """Check that every box overlaps the image.
+
+    Edges must be pixels of the given image, not fractions or pixels of a resized one.
+    """
     high, wide = SIZE
     for each in film(of, (image(k) for k in range(4))):
         for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():

@@ -21,21 +21,25 @@ GROWTH_BYTES = 2_000
 
 
 def taken(of: Any) -> Iterator[ColumnTable]:
-    """Generate a sample of each table that an exporter takes."""
+    """Generate a sample table of each kind that the exporter class `of` can write.
+
+    Kinds without a sample are left out.
+    """
     yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
 
 
 def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = None) -> bytes:
-    """Run an exporter of class `of` on a table and return the bytes that it writes.
+    """Run an exporter of class `of` on a table, and return the bytes that it writes.
 
     Args:
         of: class of the plug-in.
         rows: table to export.
         what: words for the call in messages.
         unit: unit of the lengths of the table.
-        own: exporter that goes on; None: a new one.
+        own: exporter to continue with; None: a new one.
 
-    BrokenError if it raises, or closes the file.
+    Raises:
+        BrokenError: the exporter raises, or closes the file.
     """
     file = io.BytesIO()
     with called(what):
@@ -46,12 +50,12 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
 
 
 def use(of: Any) -> list[bytes]:
-    """Return the bytes that a new exporter writes for each sample table that it takes."""
+    """Return the bytes that new exporters of class `of` write for each sample table of a kind they can write."""
     return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
 
 
 def check_tables(of: Any) -> None:
-    """Check that the tables which the exporter takes are occlog's, and there is a sample of one of them."""
+    """Check that an exporter declares tables of occlog only, at least one of which the kit has a sample of."""
     if not isinstance(of.tables, tuple) or not of.tables:
         raise BrokenError("tables must be a tuple of names, as ('tracks',)")
     for name in of.tables:
@@ -64,7 +68,7 @@ def check_tables(of: Any) -> None:
 
 
 def check_writes(of: Any) -> None:
-    """Check that each table which the exporter takes can be written, with some output."""
+    """Check that an exporter writes some output for each sample table."""
     for rows in taken(of):
         if not write(of, rows, f"writing {rows.NAME}"):
             raise BrokenError(f"of {len(rows)} rows of {rows.NAME} nothing is written")

@@ -21,7 +21,7 @@ from occlog.settings import Settings
 
 
 class Fault(NamedTuple):
-    """Promise that a plug-in breaks: name of the check, and a sentence on how."""
+    """A promise that a plug-in breaks: the name of the check that failed, and a sentence that states how."""
 
     check: str
     sentence: str
@@ -37,9 +37,11 @@ Check = Callable[[Any], None]
 
 @contextmanager
 def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
-    """Context manager: turn any error of the code inside into a BrokenError; `refusals` are raised as they are.
+    """Context manager that turns any error of the code inside into a BrokenError.
 
-    `what`: words for the call in the message.
+    Args:
+        what: words for the call in the message.
+        refusals: classes of exceptions that are raised as they are.
     """
     try:
         yield
@@ -50,7 +52,7 @@ def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
 
 
 def words(error: BaseException) -> str:
-    """Return type and message of an error in one line."""
+    """Return the type and message of an error in one line, the message cut to 120 characters."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
 
@@ -82,9 +84,9 @@ def check_settings(of: Any) -> None:
 
 
 def bytes_left(steps: Iterable[object], first: int) -> float:
-    """Return the bytes of memory that a step leaves behind, on average over the steps after the `first` ones.
+    """Return the bytes of memory that a step leaves behind, on average over all steps after the `first` ones.
 
-    `steps`: generates the steps, each when it is asked for.
+    `steps`: generator that does one step for each item; it must have more than `first` items.
     """
     size, count = 0, 0
     tracemalloc.start()
@@ -104,12 +106,12 @@ FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_setti
 
 
 def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -> dict[str, Check]:
-    """Guarantees of any plug-in to its environment.
+    """Return the checks that apply to plug-ins of every kind, by name: equal results, no output, no side effects.
 
     Args:
-        use: uses a class in an ordinary way, and returns its outputs, to be compared.
-        what: the function of the plug-in that is used, for messages.
-        growth_bytes: memory that a use may leave behind; 0: not tried here.
+        use: function that uses a plug-in class in an ordinary way, and returns the outputs for comparison.
+        what: name of the plug-in's method, for messages.
+        growth_bytes: memory that one use may leave behind [bytes]; 0: memory is not checked.
     """
 
     def check_determinism(of: Any) -> None:
@@ -170,9 +172,10 @@ USES = 5
 
 
 def faults_by(checks: Mapping[str, Check], of: Any) -> list[Fault]:
-    """Run the checks on the plug-in class `of`; return a `Fault` for each that fails, under its name in `checks`.
+    """Run the checks on the plug-in class `of`, and return the faults found, in the order of the checks.
 
-    Its output and warnings are dropped. After a fault of the interface itself (`FIRST`) no other check is run.
+    What the plug-in prints and warns is discarded. After a fault of the interface itself (`FIRST`) no further check is
+    run. A check that raises another error than BrokenError counts as a fault, too.
     """
     found = []
     for name, check in checks.items():

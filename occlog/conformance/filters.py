@@ -32,24 +32,25 @@ Of = type[Filter]
 def run(
     of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
 ) -> list[EstimatedPosition | None]:
-    """Run a new filter of class `of` on the scans of a walk; return its estimate at each, None where there is none.
+    """Run a new filter of class `of` on the scans of a walk, and return its estimates, None where it gives none.
 
     Args:
         of: class of the filter.
-        walk: time steps, in order.
-        scene: sample walk that gives the sensors and the unit of length.
-        seed: of its random numbers.
+        walk: scans, in the order of time.
+        scene: sample walk that provides the sensors and the unit of length.
+        seed: seed of the filter's random numbers.
 
-    BrokenError if it raises, or returns an impossible position.
+    Raises:
+        BrokenError: the filter raises, or returns an impossible position.
     """
     own = start(of, scene, seed)
     return [step(own, scan) for scan in walk]
 
 
 def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
-    """Return a new filter of class `of` with default settings, the sensors of `scene` and random numbers of `seed`.
+    """Return a new filter of class `of` with default settings and the sensors of `scene`.
 
-    BrokenError if its constructor raises.
+    `seed`: seed of its random numbers. Raise BrokenError if the constructor raises.
     """
     try:
         return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
@@ -58,9 +59,10 @@ def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
 
 
 def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
-    """Return the estimate of the filter `own` at a time step, or None.
+    """Return the estimate of the filter `own` for one scan; None if it gives none.
 
-    BrokenError if it raises, or returns an impossible position.
+    Raises:
+        BrokenError: `step` raises, or returns an impossible position.
     """
     try:
         estimate = own.step(scan)
@@ -77,15 +79,16 @@ def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, .
 
 
 def _similar(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
-    """Check that a filter finds the same positions in a shifted or scaled world as in the plain one.
+    """Check that a filter estimates the same positions in a transformed world as in the plain one.
 
     Args:
         of: class of the filter.
-        walk: the other world.
-        scans: time steps in it.
+        walk: the sample walk in the transformed world (turned, shifted, scaled or in other order).
+        scans: scans of that walk.
         what: words for that world in messages.
 
-    BrokenError if, after `SETTLED` steps, positions differ by more than `SAME` standard deviations.
+    Raises:
+        BrokenError: after `SETTLED` steps, positions differ by more than `SAME` standard deviations.
     """
     plain, other = run(of, PLAIN), run(of, scans, scene=walk)
     for n, (a, b) in enumerate(zip(plain, other, strict=True)):
@@ -132,7 +135,10 @@ def _refuse(of: Of, word: str) -> None:
 
 
 def _raw(of: Of) -> list[EstimatedPosition | None]:
-    """Return what a filter gives for the plain walk, unchecked; empty if it raises, which other checks report."""
+    """Return the unchecked estimates of a new filter for the plain walk.
+
+    Empty if it raises, which other checks report.
+    """
     try:
         own = start(of)
         return [own.step(scan) for scan in PLAIN]
@@ -141,7 +147,10 @@ def _raw(of: Of) -> list[EstimatedPosition | None]:
 
 
 def check_follows(of: Of) -> None:
-    """Check that a target which three sensors see is found, within `FARTHEST_M` RMS."""
+    """Check that a filter follows a target that three sensors see.
+
+    After `SETTLED` steps every step must give an estimate, and their RMS error must be at most `FARTHEST_M`.
+    """
     estimates = run(of, PLAIN)[SETTLED:]
     off = [np.asarray(p.xy) - xy for p, xy in zip(estimates, PLAIN.truth[SETTLED:], strict=True) if p is not None]
     if len(off) < len(estimates):
@@ -154,7 +163,7 @@ def check_follows(of: Of) -> None:
 
 
 def check_consistent(of: Of) -> None:
-    """Check that errors are about as large as covariances state."""
+    """Check that the mean NEES (squared error relative to the covariance) is at most `MAX_NEES`."""
     estimates = run(of, PLAIN)[SETTLED:]
     found = [
         (np.asarray(p.xy) - xy) @ np.linalg.solve(np.asarray(p.covariance), np.asarray(p.xy) - xy)
@@ -192,7 +201,7 @@ def check_inputs(of: Of) -> None:
 
 
 def check_results(of: Of) -> None:
-    """Check that returned values do not change at later steps."""
+    """Check that estimates which a filter has returned do not change in later steps."""
     own, kept = start(of), []
     for scan in FEW:
         estimate = step(own, scan)
@@ -211,13 +220,13 @@ def check_memory(of: Of) -> None:
 
 
 def check_empty(of: Of) -> None:
-    """Check that a filter accepts time steps without any frame, first ones and later ones."""
+    """Check that a filter accepts scans without any sensor, at the start and later."""
     scans = list(FEW)
     run(of, [without_sensors(scans[0]), *scans[1:6], without_sensors(scans[6]), *scans[7:]])
 
 
 def check_hidden(of: Of) -> None:
-    """Check that a filter accepts frames without a detection (bearings that are NaN), first ones and later ones."""
+    """Check that a filter accepts scans in which sensors observe but detect nothing (NaN), at the start and later."""
     scans = list(FEW)
     half = scans[7]._replace(
         bearings=np.array([np.nan, *scans[7].bearings[1:]]), sigma=np.array([np.nan, *scans[7].sigma[1:]])
@@ -226,19 +235,19 @@ def check_hidden(of: Of) -> None:
 
 
 def check_gap(of: Of) -> None:
-    """Check that a filter accepts a time step after an hour without any."""
+    """Check that a filter accepts a scan that comes an hour after the previous one."""
     scans = list(PLAIN)
     run(of, [*scans[:20], *(later(m, 3600.0) for m in scans[20:])])
 
 
 def check_same_time(of: Of) -> None:
-    """Check that a filter accepts two time steps with the same time."""
+    """Check that a filter accepts two scans with the same time."""
     scans = list(FEW)
     run(of, [m for scan in scans for m in (scan, scan)])
 
 
 def check_time_back(of: Of) -> None:
-    """Check that a time that goes back is refused by a ValueError, or gives a valid estimate."""
+    """Check that a scan of an earlier time is refused with ValueError, or gives a valid estimate."""
     scans = list(FEW)
     own = start(of)
     for scan in scans[:6]:
@@ -260,7 +269,7 @@ def check_one_sensor(of: Of) -> None:
 
 
 def check_two_sensors(of: Of) -> None:
-    """Check that a filter accepts sensors that change: two of them, then others."""
+    """Check that a filter accepts a change of the sensors: first one pair, then another."""
     pairs = [replace(FEW, sensors=pair) for pair in ((0, 1), (1, 2))]
     run(of, [*list(pairs[0])[:6], *list(pairs[1])[6:]])
 

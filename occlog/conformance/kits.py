@@ -24,15 +24,15 @@ KITS: Mapping[str, Mapping[str, Check]] = {
 
 
 def kit_of(plugin: Plugin, sample: Path | None) -> Mapping[str, Check]:
-    """The checks of a plug-in.
+    """Return the checks for a plug-in, by name.
 
     Args:
         plugin: the plug-in.
-        sample: a file for a reader; None: not given.
+        sample: file that a reader should be able to read; None for other kinds.
 
     Raises:
-        UsageError: a reader without a sample, or a sample for something else.
-        InputError: the sample is not there, or is empty.
+        UsageError: a reader without a sample, or a sample for a plug-in of another kind.
+        InputError: the sample is missing or empty.
     """
     if plugin.kind != READER:
         if sample is not None:

@@ -24,14 +24,15 @@ POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
 
 
 def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, float]:
-    """Return the figures of a metric by name.
+    """Return the figures that a new metric of class `of` computes, by name.
 
     Args:
         of: class of the metric.
-        given: tracks, truth and errors that it compares.
+        given: tracks, truth and errors to compare.
         what: words for the call in messages.
 
-    BrokenError if it raises, or returns impossible values.
+    Raises:
+        BrokenError: the metric raises, or returns impossible values.
     """
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
@@ -42,20 +43,21 @@ def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, 
 
 
 def use(of: Any) -> list[tuple[str, str]]:
-    """Return name and value (as text) of all figures of the metric class `of` for the sample tables, by name."""
+    """Return (name, value as text) of all figures of the metric class `of` for the sample tables, sorted by name."""
     return [(name, repr(float(value))) for name, value in sorted(figures(of, compared()).items())]
 
 
 def _similar(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
-    """Check that the figures of a metric for the input `other` are those of the plain sample tables.
+    """Check that the figures of a metric for a transformed comparison are those of the plain sample tables.
 
     Args:
         of: class of the metric.
-        other: the same comparison in another world.
+        other: the sample comparison in another world, with other units or identities.
         what: words for that world in messages.
-        scale: factor of its lengths; figures grow by the power of length in their units.
+        scale: factor of lengths; a figure is expected to grow by the power of length in its unit.
 
-    BrokenError if they differ.
+    Raises:
+        BrokenError: a figure differs by more than `CLOSE`.
     """
     plain, found = figures(of, compared()), figures(of, other, what)
     for name, value in plain.items():
@@ -125,7 +127,7 @@ def check_no_truth(of: Any) -> None:
 
 
 def check_no_pairs(of: Any) -> None:
-    """Check that a metric accepts tracks and truth of different identities, thus errors without rows."""
+    """Check that a metric accepts tracks and truth without common identities, so that the errors have no rows."""
     given = compared()
     figures(of, given._replace(errors=given.errors.take(slice(0, 0))), "tracks and truth of other people")
 
@@ -151,7 +153,7 @@ def check_no_covariance(of: Any) -> None:
 
 
 def check_numbers(of: Any) -> None:
-    """Check that figures do not depend on the numbers of targets."""
+    """Check that figures do not depend on the identity numbers of the targets."""
     given = compared()
 
     def renamed(table: Any) -> Any:
@@ -168,7 +170,7 @@ def check_shift(of: Any) -> None:
 
 
 def check_unit(of: Any) -> None:
-    """Check that figures in lengths grow by the unit if tracks and truth are in centimetres, and others stay."""
+    """Check that in centimetres figures of length scale with the power of their unit, and others stay the same."""
     _similar(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
 
 

@@ -64,7 +64,7 @@ class ReaderChecks:
         return as_text({name: np.asarray(values) for name, values in self.read(of, path).items()})
 
     def check_endings(self, of: Any) -> None:
-        """Check that endings begin with a point, are in lower case, and the sample has one of them."""
+        """Check that file endings begin with a point and are in lower case, and that the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
             raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
@@ -86,9 +86,10 @@ class ReaderChecks:
 
     @contextmanager
     def laid_out(self, of: Any) -> Iterator[ExternalTable]:
-        """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
+        """Context manager that gives the columns read from the sample as an external table of the stated kind.
 
-        BrokenError if there are no such columns or rows.
+        Raises:
+            BrokenError: the columns or rows do not fit that table.
         """
         found = self.text(of)
         with TemporaryDirectory() as other:
@@ -102,13 +103,13 @@ class ReaderChecks:
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
     def check_fits(self, of: Any) -> None:
-        """Check that the columns read from the sample make the table that the reader states."""
+        """Check that the columns read from the sample fit the table that the reader states, row by row."""
         if of.table in TABLES:
             with self.laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
 
     def check_used(self, of: Any) -> None:
-        """Check that the reader returns no column that its table does not have."""
+        """Check that every column which the reader returns belongs to the table that it states."""
         if of.table in TABLES:
             with self.laid_out(of) as table:
                 used = {spelled.name for spelled in table.layout.columns}
@@ -117,7 +118,7 @@ class ReaderChecks:
                 raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
 
     def check_place(self, of: Any) -> None:
-        """Check that the result does not depend on name and folder of the file."""
+        """Check that what is read does not depend on the name and folder of the file."""
         with TemporaryDirectory() as other:
             path = Path(other) / f"ein Ort, naïve'{self.sample.suffix}"
             shutil.copy(self.sample, path)
@@ -125,7 +126,7 @@ class ReaderChecks:
                 raise BrokenError("a copy of the file with another name is read differently")
 
     def check_unchanged(self, of: Any) -> None:
-        """Check that `read` leaves the file unchanged, and creates no other in its folder."""
+        """Check that `read` leaves the file unchanged, and creates no other file next to it."""
         with TemporaryDirectory() as other:
             path = Path(other) / self.sample.name
             shutil.copy(self.sample, path)
@@ -208,5 +209,5 @@ class ReaderChecks:
             self.damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(self, of: Any) -> None:
-        """Check that a file with its content twice is refused, or gives more rows."""
+        """Check that a file which holds the content of the sample twice is refused, or read to valid columns."""
         self.damaged(of, "a file with repeated content", 2 * self.sample.read_bytes())

@@ -26,18 +26,23 @@ SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), plana
 
 
 def _moments(start_ns: int) -> tuple[Any, Any]:
-    """Return times [ns] from `start_ns` on, and identities (3 and 8), of rows: two targets at each time."""
+    """Return times [ns] and identities (3 and 8) of rows for two targets at `N_STEPS` times; (2 * N_STEPS,) each."""
     times = start_ns + STEP_NS * np.arange(N_STEPS, dtype=np.int64)
     return np.repeat(times, 2), np.tile([3, 8], N_STEPS)
 
 
 def _places(target: Any, seconds: Any) -> Any:
-    """Return true positions (n, 2) [m] of the targets (n,) at `seconds` (n,) after the start."""
+    """Return the true positions (n, 2) [m] of rows.
+
+    Args:
+        target: (n,) identities.
+        seconds: (n,) time after the start [s].
+    """
     return np.column_stack([-6.0 + 0.8 * seconds + 0.1 * target, 4.0 + np.sin(seconds) - target])
 
 
 def _rows(table: type[T], **values: Any) -> T:
-    """Return a table with these columns; others are NaN, empty or 0."""
+    """Return a table of class `table` with the given columns; missing ones are NaN, 0 or empty texts."""
     count = len(values["t_ns"])
     for c in table.columns():
         if c.name not in values and not c.optional:
@@ -48,12 +53,12 @@ def _rows(table: type[T], **values: Any) -> T:
 
 
 def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Truth:
-    """Return the true positions of two targets (ids 3 and 8) at `N_STEPS` times.
+    """Return the true positions of two targets (identities 3 and 8) at `N_STEPS` times.
 
     Args:
         start_ns: first time [ns].
-        scale: unit of the result per metre.
-        shift: added to x and y [m].
+        scale: units of length per metre in the result.
+        shift: offset of x and y [m], applied before scaling.
     """
     t_ns, target = _moments(start_ns)
     xy = scale * (_places(target, (t_ns - start_ns) / NS) + shift)
@@ -61,12 +66,12 @@ def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, f
 
 
 def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
-    """Return estimates of the two targets of `truth`, with noise of 0.3 m; target 8 is missing at 3 of 10 times.
+    """Return estimates of the two targets of `truth` with noise of 0.3 m; target 8 is missing at 3 of 10 times.
 
     Args:
         start_ns: first time [ns].
-        scale: unit of the result per metre.
-        shift: added to x and y [m].
+        scale: units of length per metre in the result.
+        shift: offset of x and y [m], applied before scaling.
     """
     t_ns, target = _moments(start_ns)
     xy = _places(target, (t_ns - start_ns) / NS) + np.random.default_rng(1).normal(0.0, 0.3, (len(t_ns), 2)) + shift
@@ -87,7 +92,10 @@ def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, 
 
 
 def errors(found: Tracks, true: Truth) -> Errors:
-    """Return estimate minus truth for each row of `found`, paired by time and identity; each row must have a truth."""
+    """Return the error (estimate minus truth) of each row of `found`, paired with `true` by time and identity.
+
+    Every row of `found` must have a true position; otherwise KeyError is raised.
+    """
     index_of = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
     pairs = zip(found.t_ns.tolist(), found.target_id.tolist(), strict=True)
     row = np.array([index_of[pair] for pair in pairs], dtype=np.int64)
@@ -110,12 +118,12 @@ def errors(found: Tracks, true: Truth) -> Errors:
 def compared(
     start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), unit: str = "m"
 ) -> MetricInput:
-    """Return the tracks, truth and errors of the two sample targets, as input of a metric.
+    """Return tracks, truth and errors of the two sample targets, as the input of a metric.
 
     Args:
         start_ns: first time [ns].
-        scale: unit of the tables per metre.
-        shift: added to x and y [m].
+        scale: units of length per metre in the tables.
+        shift: offset of x and y [m], applied before scaling.
         unit: name of the unit of length.
     """
     found, true = tracks(start_ns, scale=scale, shift=shift), truth(start_ns, scale=scale, shift=shift)
@@ -192,7 +200,7 @@ SAMPLES: dict[str, Callable[[], ColumnTable]] = {
 
 
 def with_gaps(rows: T) -> T:
-    """Return a copy of the rows with NaN in every column of numbers that may have it."""
+    """Return a copy of the rows with NaN in every numeric column that allows it."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
         if c.nan is not None and c.dtype.kind == "f" and rows.NAME != "boxes":
@@ -205,7 +213,7 @@ def with_gaps(rows: T) -> T:
 
 
 def moved(rows: T, row: int) -> T:
-    """Return a copy of the rows, in which row `row` has other measured values."""
+    """Return a copy of the rows with changed measurements in the row of index `row`: 0.01 rad, or 0.5 m or px more."""
     columns = {c.name: np.array(getattr(rows, c.name)) for c in rows.columns()}
     for c in rows.columns():
         if c.unit in ("m", "px", "rad") and not c.width:
@@ -214,13 +222,13 @@ def moved(rows: T, row: int) -> T:
 
 
 def with_names(rows: T, name: str) -> T:
-    """Return a copy of the rows, all of a sensor with this name."""
+    """Return a copy of the rows in which every row has the sensor `name`."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     return type(rows).of(**{**columns, "sensor": np.full(len(rows), name)})
 
 
 def in_unit(rows: T, factor: float) -> T:
-    """Return a copy of the rows with lengths in another unit; `factor`: units per metre."""
+    """Return a copy of the rows with lengths (and their powers) in another unit; `factor`: units per metre."""
     powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
@@ -239,14 +247,14 @@ WALK_STEPS = 40
 
 @dataclass(frozen=True)
 class SampleWalk:
-    """Walk of one target past sensors; by default all of them see it at all times.
+    """Sample walk of one target past three sensors, all of which see it at all times by default.
 
     Attributes:
         n_steps: number of time steps.
-        start_ns: time of the first [ns].
+        start_ns: time of the first step [ns].
         sensors: indices in `NAMES` of the sensors that observe, in the order of rows.
-        turn: angle by which the world is turned about its origin [rad].
-        shift: (2,) by which it is shifted then [m].
+        turn: anticlockwise rotation of the world about its origin [rad].
+        shift: (2,) translation of the world after the rotation [m].
         scale: units of length per metre.
     """
 
@@ -258,7 +266,10 @@ class SampleWalk:
     scale: float = 1.0
 
     def at(self, xy: Floats) -> Floats:
-        """Return positions `xy` (..., 2) of the plain walk [m] in the world of this one: scaled, turned and shifted."""
+        """Return positions (..., 2) of the plain walk in the world of this one: rotated, shifted and scaled.
+
+        `xy`: positions [m]; the result is in this walk's unit of length.
+        """
         c, s = np.cos(self.turn), np.sin(self.turn)
         return np.asarray(self.scale * (xy @ np.array([[c, s], [-s, c]]) + np.array(self.shift)))
 
@@ -276,7 +287,10 @@ class SampleWalk:
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
-        """Generate the scans of the time steps; errors of a sensor do not depend on which others observe."""
+        """Generate the scan of each time step: true bearings with noise of `SIGMA_RAD`.
+
+        The noise of a sensor does not depend on which other sensors observe.
+        """
         noise = np.random.default_rng(5)
         positions, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
@@ -297,16 +311,16 @@ FEW = replace(PLAIN, n_steps=12)
 
 
 def blind(scan: TargetScan) -> TargetScan:
-    """Return the scan with a frame of all its sensors, and no detection (NaN)."""
+    """Return a copy of the scan in which all its sensors observe, but none detects the target (bearings are NaN)."""
     unknown = np.full(len(scan.bearings), np.nan)
     return scan._replace(bearings=unknown, sigma=unknown.copy())
 
 
 def without_sensors(scan: TargetScan) -> TargetScan:
-    """Return the scan without any sensor or bearing, as in a time step without frames."""
+    """Return a copy of the scan without any sensor or bearing, as in a time step in which no sensor observes."""
     return scan._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
 def later(scan: TargetScan, seconds: float) -> TargetScan:
-    """Return the scan with a time that is `seconds` later."""
+    """Return a copy of the scan with a time that is later by `seconds` (earlier if negative)."""
     return scan._replace(t_ns=scan.t_ns + round(seconds * NS))

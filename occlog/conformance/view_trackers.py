@@ -23,7 +23,10 @@ GROWTH_BYTES = 300
 
 
 def edges(k: int) -> Floats:
-    """Return the boxes (2, 4) of frame k [px]: two people who walk side by side, never near each other."""
+    """Return the boxes (2, 4) of two people in frame `k`: left, top, width and height [px], with noise.
+
+    The people walk side by side, far from each other, to and fro without end.
+    """
     rng = np.random.default_rng(k)
     way = float(k % 400) if k % 800 < 400 else 400.0 - k % 400
     boxes = np.array([[100.0 + 2.0 * way, 200.0, 60.0, 160.0], [100.0 + 2.0 * way, 600.0, 70.0, 180.0]])
@@ -31,12 +34,12 @@ def edges(k: int) -> Floats:
 
 
 def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> BoxesInFrame:
-    """Return the boxes of frame `k` of the sample walk.
+    """Return the boxes of frame `k` of the sample walk, with scores of 0.9 and without embeddings.
 
     Args:
-        k: number of the frame.
-        boxes: (n, 4) left, top, width and height [px] in place of those of the walk.
-        t_ns: time [ns] in place of that of the frame.
+        k: frame number.
+        boxes: (n, 4) left, top, width and height [px]; None: those of the walk.
+        t_ns: time [ns]; None: that of the frame at 25 frames per second.
     """
     there = edges(k) if boxes is None else boxes
     return BoxesInFrame(
@@ -55,9 +58,15 @@ def start(of: Any, seed: int = 1) -> Any:
 
 
 def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
-    """Return the identities (n,) that the tracker `own` gives to the boxes of the frame `found`.
+    """Return the identities (n,) that the tracker `own` assigns to the boxes of a frame.
 
-    BrokenError, with the words `what` for the call, if it raises, or returns impossible identities.
+    Args:
+        own: the tracker.
+        found: boxes of the frame.
+        what: words for the call in messages.
+
+    Raises:
+        BrokenError: `step` raises, or returns impossible identities.
     """
     with called(what):
         ids = own.step(found)
@@ -68,9 +77,15 @@ def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
 
 
 def run(of: Any, frames: Iterable[BoxesInFrame], what: str = "step") -> list[list[int]]:
-    """Run a new tracker of class `of` on frames; return the identities of the boxes of each frame.
+    """Run a new tracker of class `of` on frames, and return the identities of the boxes of each frame.
 
-    `what`: words for the call in messages of a BrokenError.
+    Args:
+        of: class of the tracker.
+        frames: in the order of time.
+        what: words for the call in messages.
+
+    Raises:
+        BrokenError: the tracker raises, or returns impossible identities.
     """
     own = start(of)
     return [step(own, each, what).tolist() for each in frames]
@@ -82,12 +97,15 @@ def walk(count: int = FRAMES) -> list[BoxesInFrame]:
 
 
 def use(of: Any) -> list[list[int]]:
-    """Return the identities that a new tracker of class `of` gives to the boxes of 15 frames."""
+    """Return the identities that a new tracker of class `of` assigns in the first 15 frames of the sample walk."""
     return run(of, walk(15))
 
 
 def _renamed(ids: Iterable[Iterable[int]]) -> list[list[int]]:
-    """Return the identities of each frame numbered in the order of their first use; those below 0 become -1."""
+    """Return identities renumbered from 0 in the order of first use, so that two runs can be compared; below 0: -1.
+
+    `ids`: identities of the boxes of each frame.
+    """
     known: dict[int, int] = {}
     return [[-1 if k < 0 else known.setdefault(k, len(known)) for k in each] for each in ids]
 
@@ -138,7 +156,7 @@ def check_apart(of: Any) -> None:
 
 
 def check_newcomer(of: Any) -> None:
-    """Check that a person who enters later has an identity that was not used before."""
+    """Check that a person who enters in frame 20 gets an identity that was not used before."""
     newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
     frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
     ids = run(of, frames)
@@ -179,7 +197,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """Check that returned arrays do not change at later calls."""
+    """Check that identities which a tracker has returned do not change in later calls."""
     own, kept = start(of), []
     for k in range(15):
         each = frame(k, edges(k)[: 1 + k % 2])
@@ -206,7 +224,7 @@ def check_empty(of: Any) -> None:
 
 
 def check_crowd(of: Any) -> None:
-    """Check that 60 more people can enter in one frame, and leave in one."""
+    """Check that a tracker accepts 60 people who all enter in one frame, and leave in one."""
     rng = np.random.default_rng(2)
     many = np.column_stack([rng.uniform(0, 1900, 60), rng.uniform(0, 1000, 60), np.full(60, 20.0), np.full(60, 50.0)])
     run(of, [*walk(5), *(frame(k, many + k) for k in range(5, 9)), *(frame(k) for k in range(9, 15))], "a crowd: step")
@@ -230,7 +248,7 @@ def check_embeddings(of: Any) -> None:
 
 
 def check_gap(of: Any) -> None:
-    """Check that a tracker accepts frames after an hour without any."""
+    """Check that a tracker accepts a frame that comes an hour after the previous one."""
     hour = 3600 * NS
     later = [frame(k + 90_000, edges(k), t_ns=START_NS + hour + k * STEP_NS) for k in range(15, 25)]
     run(of, [*walk(15), *later], "an hour without a frame: step")

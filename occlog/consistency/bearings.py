@@ -49,7 +49,9 @@ MIN_OVERLAP_SHARE = 0.5
 
 
 def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
-    """Return (N,) booleans: another sensor has a bearing of the target within 1 s (`CONFIRMATION_WINDOW_S`).
+    """Return, for each of N bearings of one target, whether another sensor has one of it within 1 s.
+
+    The limit is `CONFIRMATION_WINDOW_S`.
 
     Args:
         sensor: (N,) sensor of each bearing of one target.
@@ -89,7 +91,11 @@ class UnconfirmedBearings:
 
     @property
     def one_at_a_time(self) -> bool:
-        """Return whether sensors detect targets one at a time most of the time (few bearings are confirmed)."""
+        """Return whether a target is mostly detected by a single sensor at a time.
+
+        That is so if fewer than `MIN_OVERLAP_SHARE` of the bearings have one of the same target, by another sensor,
+        within 1 s.
+        """
         return self.confirmed < MIN_OVERLAP_SHARE * self.bearings
 
     @property
@@ -250,7 +256,11 @@ class StatedResiduals(NamedTuple):
 
 
 class CandidateFrames(NamedTuple):
-    """Numbers of a sensor's unlabelled candidates in F frames, and of those near no track, sorted by time."""
+    """Counts of a sensor's candidates (bearings without a target) in F frames, by time.
+
+    Counted are all, and those near no track; `again` marks frames in which one of the latter was there in the frame
+    before, too.
+    """
 
     sensor: str
     t_ns: Ints  # (F,)
@@ -370,9 +380,10 @@ class BearingConsistency:
             )
 
     def _left(self, name: str, rows: Bearings, near: Bools) -> CandidateFrames:
-        """Return a sensor's numbers of candidates near no track, frame by frame; those of the last frame are stored.
+        """Return a sensor's numbers of candidates and of those near no track, frame by frame.
 
-        For each frame there is also whether one of them continues such a candidate of the frame before.
+        For each frame there is also whether one near no track continues such a candidate of the frame before. The
+        bearings of those of the last frame are stored for the next call.
 
         Args:
             name: name of the sensor.
@@ -411,7 +422,8 @@ class EstimatedTrajectory(NamedTuple):
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
         """Return the index (N,) of the next estimate at or after each time, and whether it is valid (N,).
 
-        An estimate is valid if it is not later than the window, its covariance is known, and it used the sensor.
+        An estimate is valid if it is at most `window_ns` after the time, its covariance is known, and it used the
+        sensor.
 
         Args:
             t_ns: (N,) times [ns].
@@ -427,7 +439,10 @@ class EstimatedTrajectory(NamedTuple):
 
 
 def _commas(cameras: np.ndarray) -> np.ndarray:
-    """Return strings (N,) with a comma added before and after each list of names, for exact search of a name."""
+    """Return strings (N,) with a comma added before and after each list of names.
+
+    `cameras` are (N,) names separated by commas. With `,name,` a name is then found, but not a part of one.
+    """
     return np.strings.add(np.strings.add(",", cameras), ",")
 
 
@@ -528,8 +543,9 @@ class SensorConsistency:
     Attributes:
         bearings: number of bearings used.
         inliers: number of those that are more probably true than false.
-        means: squared residuals, without those of estimates that go through the bearing in any case.
-        pose: part of the expected squares that errors of the sensor's pose make, which are constant in time.
+        means: squared residuals and their expected values, without those of estimates that go through the bearing in
+            any case.
+        pose: part of the expected squares that is due to errors of the sensor's pose, which are constant in time.
     """
 
     bearings: int = 0

@@ -126,7 +126,11 @@ def covariances(tracks: Tracks) -> Floats:
 
 
 class RivalTrajectory(NamedTuple):
-    """Another trajectory of a target nearly as probable as the reported one, and where the two differ."""
+    """Another trajectory of a target nearly as probable as the reported one, and where the two differ.
+
+    `excess` is by how much its negative log posterior is higher; `rows` of its `of` states, from `first_ns` to
+    `last_ns` [ns], are significantly elsewhere, at most `distance` away.
+    """
 
     excess: float  # by how much its negative log posterior is higher
     rows: int  # states at which it is significantly elsewhere
@@ -137,7 +141,10 @@ class RivalTrajectory(NamedTuple):
 
 
 class DetectionHistory(NamedTuple):
-    """Which sensors detected a target when, since its filter began or two sensors last detected it at once."""
+    """Last time at which each sensor detected a target, since its filter began or two sensors last detected it at once.
+
+    At once means within `TOGETHER_S`, by sensors at different positions.
+    """
 
     begun_ns: int  # when the filter began
     last_ns: dict[str, int]  # by sensor, since two of them saw it at once
@@ -236,10 +243,11 @@ class QualityFlags:
         return Tracks(**{name: np.ascontiguousarray(values) for name, values in columns.items()}), covariance
 
     def _alone(self, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> tuple[Bools, dict[int, str]]:
-        """Return (N,) booleans: a single sensor has detected the target for long; and rows without a known distance.
+        """Return (N,) booleans: sensors at a single position have detected the target for long; and the rows of these.
 
-        The second result is a dict from such rows, of targets that two sensors have never detected at once, to the name
-        of the sensor. The detection histories are updated.
+        Long is above `SINGLE_SENSOR_S` since two last detected it at once, or above `TOGETHER_S` since the filter began
+        if two never did. Only in the latter case, without a known distance, the second result, a dict, has the sensor's
+        name by row. The detection histories are updated in place.
 
         Args:
             diagnostics: N rows in the order of time.
@@ -289,6 +297,9 @@ class PlainViewMisses:
 
     def denied(self, xy: Floats, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> Bools:
         """Return (N,) booleans: cameras with an unoccluded view have missed the target more often than chance allows.
+
+        At least `MIN_UNDETECTED_CAMERAS` have missed it since any sensor detected it, in a sequence of misses with a
+        probability below `UNDETECTED_PROBABILITY`. The counts are updated in place.
 
         Args:
             xy: (N, 2) estimated positions.
@@ -354,7 +365,8 @@ class SensorDisagreement:
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
         """Return the diagnostics of the next rows, with the flag `inconsistent_sensor` set where a sensor contradicts.
 
-        A sensor contradicts where most of its bearings of the target in the last second are rejected.
+        A sensor contradicts where at least two thirds of its bearings of the target in the last second are rejected,
+        and at least `MIN_REJECTED_BEARINGS` of them.
 
         Args:
             diagnostics: rows in the order of time.
@@ -383,7 +395,9 @@ def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
-    """Return (N,) booleans: most of some sensor's recent bearings of one target were rejected.
+    """Return (N,) booleans: at least two thirds of some sensor's recent bearings of one target were rejected.
+
+    These are at least `MIN_REJECTED_BEARINGS`.
 
     Args:
         t_ns: (N,) times [ns]; recent is the `WINDOW_NS` before each.
@@ -407,7 +421,10 @@ DECADES = 8
 
 
 class EffectiveSampleSizes:
-    """Histogram of effective sample sizes in logarithmic bins; `few` counts those below the minimum."""
+    """Histogram of effective sample sizes in logarithmic bins, with their number `rows`.
+
+    `few` counts those below `MIN_EFFECTIVE_SAMPLE_SIZE`.
+    """
 
     def __init__(self) -> None:
         """Start without rows."""
@@ -457,7 +474,11 @@ MIN_SHARE = 1e-9
 
 
 class BearingIntersection(NamedTuple):
-    """Least-squares intersections of the accepted bearings of M rows of tracks, with points of their error ellipses."""
+    """Least-squares intersections of the accepted bearings of M rows of tracks, with points of their error ellipses.
+
+    `row` (M,) are the rows, `xy` (M, 2) the positions, and `border` (M, `AROUND`, 2) points on the ellipse of
+    `CLEAR_SIGMAS` standard deviations.
+    """
 
     row: Ints  # (M,) rows of the tracks
     xy: Floats  # (M, 2)

@@ -28,7 +28,7 @@ class FrozenFrames(NamedTuple):
 
 @dataclass
 class _CameraRuns:
-    """State of one camera: content of its last frame, the current run of identical frames, and earlier long runs.
+    """State of one camera: content of its last frame, current run of identical frames, and earlier long runs (`runs`).
 
     `first_ns` and `last_ns` are the times of its first and last frame [ns].
     """
@@ -72,7 +72,10 @@ class FrozenCameras:
                 self.add(name, t_ns, (count, *values) if values[0] == values[0] else None)
 
     def found(self) -> Iterator[FrozenFrames]:
-        """Generate the longest run of each camera that is frozen while another camera is not."""
+        """Generate the longest run of each camera that is frozen while another camera is not.
+
+        Cameras without such a run are skipped. Call it after the last frame.
+        """
         for known in self._cameras.values():
             self._end(known)
         for name, known in sorted(self._cameras.items()):

@@ -27,10 +27,10 @@ def hidden(name: str) -> Iterator[None]:
 
 
 def is_own(folder: Path) -> bool:
-    """Whether only this user or the administrator can write to a folder, so that its files are trusted.
+    """Return whether only this user or the administrator can write to a folder, so that its files are trusted.
 
-    A folder of the user's own group (that of the same name) counts as the user's; True on Windows, where folders of a
-    user are the user's alone.
+    A group of the user's own name counts as the user; True on Windows, where folders of a user are the user's alone;
+    False if the folder cannot be read.
     """
     if not hasattr(os, "geteuid"):
         return True
@@ -44,7 +44,7 @@ def is_own(folder: Path) -> bool:
 
 
 def _of_one(group: int) -> bool:
-    """Whether a group has this user only, by its name."""
+    """Return whether a group (by id) has the name of this user, so that it has no other members."""
     import grp
     import pwd
 

@@ -26,12 +26,12 @@ AGAIN_S = 0.05
 
 
 class Interrupts:
-    """State of the interrupts of this process.
+    """State of the interrupts (SIGINT, SIGTERM) of this process.
 
     Attributes:
         asked: there was one.
-        terminated: it was SIGTERM.
-        raised: it was raised where it is not dropped; no other one may disturb the tidying up.
+        terminated: one was SIGTERM.
+        raised: KeyboardInterrupt was raised where it takes effect; further ones are ignored during the cleanup.
     """
 
     def __init__(self) -> None:
@@ -49,10 +49,10 @@ class Interrupts:
         sys.unraisablehook = self._dropped
 
     def check(self) -> None:
-        """Raise a dropped interrupt; called between the steps of every command.
+        """Raise an interrupt that Python had dropped; called between the steps of every command.
 
         Raises:
-            KeyboardInterrupt: there was an interrupt, and the program still works.
+            KeyboardInterrupt: there was an interrupt, and none has been raised yet.
         """
         if self.asked and not self.raised:
             self.raised = True

@@ -29,7 +29,7 @@ _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 
 
 def write_line(text: str, stream: TextIO | None) -> None:
-    """Write a line to a standard stream and flush it; nothing if the stream is closed (None)."""
+    """Write a line to a standard stream and flush it; do nothing if the stream is closed (None)."""
     if stream is not None:
         stream.write(f"{spelled(text)}\n")
         stream.flush()
@@ -56,7 +56,7 @@ def notes_kept() -> Iterator[list[str]]:
 def note(message: str, quiet: bool = False) -> None:
     """Write the line `message` to standard error, or append it to the list of `notes_kept` within that context.
 
-    `quiet`: write nothing; the list of `notes_kept` gets it nevertheless.
+    `quiet`: do not write it; within `notes_kept` it is appended nevertheless.
     """
     kept = _KEPT.get()
     if kept is not None:
@@ -66,7 +66,7 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_once(message: str) -> None:
-    """Write the note `message` unless this command has written it before, for example for a file read several times.
+    """Write the note `message` unless this command has written it before (a file may be read several times).
 
     A quiet command writes warnings only.
     """
@@ -121,7 +121,7 @@ class DryRunStop(BaseException):
 
 
 def log_detail(text: str) -> None:
-    """Report a detail (`-v`): detected format of an input, duration of a step, files written."""
+    """Report a detail (`-v`), such as the detected format of an input, to the listener, if any."""
     listener = LISTENER.get()
     if listener is not None:
         listener(text)
@@ -133,7 +133,7 @@ def note_uncached() -> None:
 
 
 def log_compiling() -> None:
-    """Report that compilation takes long, at the first call after it was announced; later calls do nothing."""
+    """Report, at the first call of a command, that compiling kernels takes long; later calls do nothing."""
     while COMPILING:
         COMPILING.pop()(not _UNCACHED)
 
@@ -150,7 +150,7 @@ def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
 
 @contextmanager
 def dry_run() -> Iterator[DryRunPlan]:
-    """Context manager of a dry run, in which nothing is written."""
+    """Context manager of a dry run, in which nothing is written; yields the plan of files read and written."""
     plan = DryRunPlan()
     token = DRY_RUN.set(plan)
     try:
@@ -160,13 +160,13 @@ def dry_run() -> Iterator[DryRunPlan]:
 
 
 def begin_work() -> None:
-    """Mark the end of all checks, before work or writing begins; raise DryRunStop in a dry run."""
+    """Mark the end of all checks, before work or writing begins; raises DryRunStop in a dry run."""
     if DRY_RUN.get() is not None:
         raise DryRunStop
 
 
 def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
-    """In a dry run, record the files that a command reads and writes; repeated names count once."""
+    """In a dry run, record the files that a command reads and writes, each once; otherwise do nothing."""
     plan = DRY_RUN.get()
     if plan is not None:
         plan.reads += [path for path in reads if path not in plan.reads]
@@ -174,7 +174,7 @@ def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
 
 
 def threads_by_default() -> int:
-    """Default number of threads: one per processor, or `OCCLOG_THREADS`."""
+    """Return the default number of threads: `OCCLOG_THREADS` of the environment, or one per processor."""
     value = os.environ.get(THREADS, "")
     return int(value) if value.isdigit() and int(value) > 0 else os.cpu_count() or 1
 

@@ -12,7 +12,7 @@ from occlog.errors import ExitCode
 
 
 class InWords(list[object]):
-    """A value of a summary with two forms: a list for `--json`, and text for people."""
+    """A value of a summary with two forms: a list for `--json`, and a text for people."""
 
     def __init__(self, values: Iterable[object], words: str) -> None:
         """Store the values of the list, and the text `words` that the summary prints in their stead."""
@@ -65,7 +65,7 @@ def _nested(value: object) -> TypeGuard[dict[object, object]]:
 
 
 def _in_words(figures: object) -> str:
-    """Return the figures of one of several items (a camera, for example) as text."""
+    """Return the figures of one item of several (a camera, for example) as text: names with values."""
     if not isinstance(figures, dict):
         return _shown(figures)
     return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
@@ -84,7 +84,7 @@ def _shown(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Return a value for JSON: paths as text, NaN as null."""
+    """Return a value for JSON: paths and other objects as text, NaN and infinities as None."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -120,13 +120,13 @@ def strict_code(code: int, plausible: object, strict: bool) -> int:
 def finish(
     summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool, earlier: Iterable[ListedLoss] = ()
 ) -> int:
-    """Print the summary and list the losses; return exit code 0, or 3 if anything was lost.
+    """Print the summary and list the data losses; return exit code 0, or 3 if anything was lost by this command.
 
     Args:
         summary: figures by name.
         losses: of this command.
-        as_json: print one JSON object.
-        earlier: losses in the processing of the inputs; in JSON they are listed as `lost_earlier`.
+        as_json: print one JSON object, which includes the losses.
+        earlier: losses when the inputs were made; in JSON they are listed as `lost_earlier`.
     """
     lost, before = list(losses), [loss.as_dict() for loss in earlier]
     listed = {"losses": [loss.as_dict() for loss in lost], **({"lost_earlier": before} if before else {})}

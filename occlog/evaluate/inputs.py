@@ -26,11 +26,12 @@ from .verdict import TrackProvenance
 
 
 def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[EvaluationSources, Scene, Opened | None]:
-    """Open all inputs that are named, without reading them; return them, the scene, and the tracks.
+    """Open all inputs of the request without reading them; return them, the scene, and the tracks (None: not given).
 
     Args:
-        request: names the inputs.
-        held_boxes: views, or boxes, are not compared with true boxes, but predicted in cameras that are held out.
+        request: names the files.
+        held_boxes: true if `--views` has boxes of held-out cameras, to be predicted from tracks, instead of views to be
+            compared with true boxes.
     """
     tracks, truth, scene = open_tables(request)
     if request.views is not None and truth is not None and not held_boxes:
@@ -65,7 +66,10 @@ def _opened(path: Path | None, *tables: type[ColumnTable]) -> Opened | None:
 
 
 def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None, Scene]:
-    """Open tracks and truth, without reading them, and the scene, which must have the same length unit."""
+    """Open tracks and truth of the request (None if not given) without reading them, and the scene.
+
+    InputError if their length unit differs from the scene's; UsageError for a frame rate that no table needs.
+    """
     rate = request.multi_target.get("fps")
     fps = None if rate is None else as_rate(str(rate))
     truth = None if request.truth is None else _open_truth(request.truth, fps)
@@ -83,11 +87,11 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
 
 
 def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
-    """Open distance measurements or tag reads, with the settings of the tracks, or defaults if these are unknown.
+    """Open distance measurements or tag reads, with the settings that the tracks were made with.
 
     Args:
         path: file or recording.
-        tracks: file that states the settings; None: there is none.
+        tracks: tracks that state these settings in their provenance; None: defaults are used.
         scene: positions of the stations; UsageError without sensors.
     """
     opened = open_input(path, Measurements, Reads)
@@ -110,12 +114,15 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
 
 
 def _radio(reported: dict[str, Any]) -> Radio:
-    """Return the path loss model with which tracks were made, from the values in their provenance."""
+    """Return the path loss model of radio signals from its values in the provenance of tracks."""
     return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 
 def _open_truth(path: Path, fps: Fraction | None) -> Opened:
-    """Open an input with true positions, true boxes or both; `fps` gives frame numbers their times."""
+    """Open an input with true positions, true boxes or both.
+
+    `fps`: frame rate for tables that count frames; None: unknown.
+    """
     return _open(path, fps, Truth, TruthBoxes, remedy="leave the truth out, or ingest the recording with its truth")
 
 
@@ -137,9 +144,10 @@ def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: 
 
 
 def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:
-    """Return the scene of `--scene` or of the recording.
+    """Return the scene given by `--scene` or in the recording of the truth.
 
-    Views, and tracks with a truth, can be compared without a scene, in the unit that they state, or in metres.
+    If neither is given and tracks are compared with a truth, or views are evaluated, the result is an empty scene in
+    the unit that the tables state, or in metres.
     """
     recorded = None if truth is None else truth.scene
     if request.scene is None and recorded is None and request.directions is None and request.views is None:

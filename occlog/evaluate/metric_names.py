@@ -393,9 +393,9 @@ def summary_rows(length: str) -> Iterator[tuple[str, str, str, str]]:
 
 
 def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
-    """Hint for an unknown metric name, with the most similar known names; None for a known name.
+    """Return a hint with the most similar names if a metric name is unknown; None if it is known.
 
-    `more`: additional known names.
+    The name may have or lack its unit, and the suffix of a sensor, target or recording. `more`: additional known names.
     """
     if name in more or any(f"{name}_{unit}" in more for unit in UNITS):
         return None

@@ -158,7 +158,7 @@ class EvaluateRequest(Request):
 
     @property
     def directions(self) -> Path | None:
-        """File of bearings or directions of arrival, for messages."""
+        """File of bearings, or else of directions of arrival; None without both."""
         return self.bearings or self.doa
 
     @property

@@ -31,13 +31,13 @@ class Evaluation:
 
     Attributes:
         metrics: figures by name, which ends in the unit.
-        errors: of every estimate that has a truth.
-        bound: posterior Cramer-Rao bound.
-        failures: of trackers.
-        counts: of targets and tracks on the ground, over time.
+        errors: error of each estimate that has a truth.
+        bound: posterior Cramer-Rao bound over time.
+        failures: failures of trackers.
+        counts: numbers of targets and tracks on the ground over time.
         notes: lines for the user.
         checks: checks of the tracks; None: no check was possible.
-        verdicts: of this evaluation, after those of the stages before it.
+        verdicts: consistency verdicts of the earlier stages, then of this evaluation.
         plugged: names of the figures of plug-ins.
     """
 
@@ -59,7 +59,13 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Threshold:
-    """Condition of failure: `metric operator limit` is true or undecidable."""
+    """Condition of failure such as `rmse>0.5`: it is met if the comparison is true or undecidable (NaN, missing).
+
+    Attributes:
+        metric: name of the figure.
+        operator: comparison, for example `>`.
+        limit: number that the figure is compared with.
+    """
 
     metric: str
     operator: str
@@ -72,7 +78,7 @@ class Threshold:
 def parse_threshold(text: str) -> Threshold:
     """Parse a threshold such as `rmse>0.5`; UsageError for any other text.
 
-    A comparison that no number satisfies or every number does (`> nan`, `> inf`) is refused too.
+    A limit that is not finite (`> nan`, `> inf`) is refused too.
     """
     found = CONDITION.fullmatch(text)
     try:
@@ -85,7 +91,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """Return a message for each threshold that `metrics` violate, or whose figure is missing, ambiguous or NaN."""
+    """Return a message for each threshold that is met (a failure), or whose figure is missing, ambiguous or NaN."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -106,7 +112,7 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
 
 
 def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
-    """Return the full names in `metrics` that a name, with or without unit, can mean."""
+    """Return the full names in `metrics` that a name, with or without unit, can mean; empty if unknown."""
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
@@ -173,12 +179,12 @@ BY_RECORDING = (
 
 
 def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[str, float], unit: str) -> list[str]:
-    """Return the lines of a table with a row per recording, and one for all together.
+    """Return the lines of a text table with a row for each recording, and one for all together.
 
     Args:
-        each: figures by recording.
+        each: figures of each recording by name.
         combined: figures over all.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     rows = {**each, "all": combined}
     flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
@@ -193,9 +199,10 @@ def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[s
 
 
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
-    """Text lines with the groups and columns for which there are metrics.
+    """Return the figures as lines of text: a group for each topic, then tables of targets and sensors.
 
-    Errors of smoothed tracks (`tracks_smoothed`) are compared with the smoothing bound.
+    Only groups and columns with figures are shown. `unit`: unit of lengths. Errors of smoothed tracks
+    (`tracks_smoothed`) are compared with the smoothing bound.
     """
     own = headline.independent_ids(metrics)
     groups: dict[str, list[str]] = {"Tracks": []} if own else {}
@@ -227,7 +234,7 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
 
 
 def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
-    """Return a copy of the figures without those of each target if there are many (the output file has all)."""
+    """Return a copy of the figures, without those of single targets if these are more than `MAX_TARGETS_SHOWN`."""
     targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
     few = len({name.rstrip("_") for name in targets}) <= MAX_TARGETS_SHOWN
     return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
@@ -241,20 +248,23 @@ def number(value: float) -> str:
 
 
 def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[str, str, str]]:
-    """Generate full name, label and unit of each entry; `suffix` follows the name, lengths are in `unit`."""
+    """Generate full name, label and unit of each entry of a table of figures (name, label, unit).
+
+    `suffix` follows the name; `unit`: unit of lengths, replaces `length`.
+    """
     for name, label, of in entries:
         of = unit if of == "length" else of
         yield f"{name}{suffix}_{of}" if of else f"{name}{suffix}", label, of
 
 
 def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
-    """Return the targets or sensors that have a figure in one of the columns, in the order of the metrics.
+    """Return the names of the targets or sensors that have a figure in one of the columns, in the order of the metrics.
 
     Args:
-        metrics: figures by name.
+        metrics: figures by full name.
         kind: `target` or `sensor`.
-        columns: entries of the table.
-        unit: of lengths.
+        columns: columns of the table (name, label, unit).
+        unit: unit of lengths.
     """
     found: dict[str, None] = {}
     for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):

@@ -73,7 +73,14 @@ class EvaluatedRecording(NamedTuple):
 
 
 class MultiRecordingFigures(NamedTuple):
-    """Figures of each recording by name and of all together, length unit, and losses and verdicts of inputs."""
+    """Figures of several recordings.
+
+    Attributes:
+        each: value by recording, then by figure.
+        combined: figures of all recordings together.
+        unit: unit of lengths.
+        losses, verdicts: data losses and consistency verdicts of the inputs.
+    """
 
     each: dict[str, dict[str, float]]
     combined: dict[str, float]
@@ -83,7 +90,7 @@ class MultiRecordingFigures(NamedTuple):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Flat metrics: of all together, then of each recording with the suffix `_recording_NAME`."""
+        """All figures in one mapping: of all together, then of each recording with the suffix `_recording_NAME`."""
         own = {f"{name}_recording_{who}": value for who, row in self.each.items() for name, value in row.items()}
         return self.combined | own
 
@@ -135,7 +142,10 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
 
 
 def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics]:
-    """Figures of each recording, and of all together, with the views of different recordings distinguished."""
+    """Return the figures of tracks in images of each recording, and of all together.
+
+    Cameras of different recordings are different views. `sides`: one request for each recording.
+    """
     each, whole = list[Metrics](), None
     views, counts = list[int](), Counter[str]()
     for side in sides:
@@ -153,13 +163,15 @@ def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics
 
 
 def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tuple[list[Metrics], Metrics, str]:
-    """Return the figures of each recording and of all together, and their unit of length.
+    """Return the figures of tracks on the ground of each recording and of all together, and their unit of length.
 
     Args:
-        sides: request for each recording.
+        sides: one request for each recording.
         chosen: settings given by the user.
 
-    UsageError if the units differ; InputError if a truth has no positions.
+    Raises:
+        UsageError: the units of length differ.
+        InputError: a truth has no positions.
     """
     opened = [open_sources(side, held_boxes=False) for side in sides]
     units = [scene.length_unit for _, scene, _ in opened]
@@ -184,7 +196,10 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
 
 
 def _names(recordings: Sequence[EvaluatedRecording]) -> list[str]:
-    """Name of each recording: that of its tracks, else of its truth, the first that all differ in; else a number."""
+    """Return a name for each recording: the stem of its tracks, else of its truth, if all differ.
+
+    Else a number from 1.
+    """
     for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
         if len(set(side)) == len(side):
             return side
@@ -196,7 +211,7 @@ GATE_DEG = 10.0
 
 
 def kind_of_input(request: EvaluateRequest) -> str:
-    """Return the kind of input of a request: the first one whose inputs it names."""
+    """Return the kind of evaluation that the inputs of a request select: `azimuths`, `images`, `ground` or `others`."""
     if request.truth_azimuths is not None:
         return AZIMUTHS
     if in_images(request.tracks):
@@ -205,7 +220,10 @@ def kind_of_input(request: EvaluateRequest) -> str:
 
 
 def run_evaluate(request: EvaluateRequest, job: Job) -> JobResult:
-    """Evaluate as requested, write the outputs, and return summary, earlier losses and violated thresholds."""
+    """Evaluate as requested and write the outputs.
+
+    Return summary, data losses of the inputs, and violated thresholds.
+    """
     thresholds = _thresholds(request.fail_if, names_of_figures(request.metrics))
     if job.kind == AZIMUTHS:
         figures, losses = _of_directions(request, job)
@@ -242,7 +260,7 @@ def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = 
 
 
 def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
-    """Return the figures as text, or as one JSON object if `as_json`; `unit`: of lengths."""
+    """Return the figures as text, or as one JSON object if `as_json`; `unit`: unit of lengths."""
     if as_json:
         first = headline.first_of(result.metrics) if headline.independent_ids(result.metrics) else ()
         return _lines(without_per_target(result.figures), True, first)
@@ -255,9 +273,9 @@ def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
 
 
 def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
-    """Parse the conditions of `fail_if`; UsageError for invalid texts and unknown metrics.
+    """Parse the conditions of `--fail-if`; UsageError for invalid texts and unknown metrics.
 
-    `more`: names of figures of plug-ins.
+    `more`: names of the figures of plug-ins.
     """
     found = []
     for text in texts:
@@ -274,7 +292,10 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
 
 
 def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
-    """Evaluate tracks in the world, and write the outputs; return the evaluation and the length unit."""
+    """Evaluate tracks on the ground, bearings and views, and write the outputs.
+
+    Return the evaluation and the length unit.
+    """
     given, many_given = request.settings, request.multi_target
     _check_request(request, given)
     held_boxes = bool(given.get("held_out")) and request.views is not None
@@ -327,13 +348,13 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
 def _parameters(
     request: EvaluateRequest, config: EvaluateConfig, many: MultiTargetConfig | None, unit: str
 ) -> dict[str, object]:
-    """Return the parameters of the evaluation for provenance.
+    """Return the parameters of the evaluation, for its provenance.
 
     Args:
         request: labels and plug-ins.
         config: settings of the evaluation.
         many: settings of the multi-target figures; None: there are none.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
     out |= {} if many is None else {"multi_target": asdict(many)}
@@ -341,7 +362,10 @@ def _parameters(
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
-    """Write the scene, with the noise measured at known positions, as YAML; `overwrite`: replace an existing file."""
+    """Write the scene, with the noise measured at known positions in place of the stated noise, as YAML.
+
+    `noise`: by camera; `overwrite`: replace an existing file.
+    """
     text = noise_comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
 
@@ -402,7 +426,10 @@ OF_WHAT = {
 
 
 def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
-    """UsageError for a given setting of figures with missing inputs."""
+    """Raise UsageError for a given setting that has no effect because its inputs are missing.
+
+    `given`: settings of the user by name.
+    """
     with_bearings, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
     bound = truth and (with_bearings or request.measurements is not None)
     there = {LOOKS: with_bearings and truth, BOUND: bound, LINES: with_bearings}
@@ -420,9 +447,9 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
 
 
 def simulated(truth: Path | None) -> dict[str, float]:
-    """Return process noise and diameter of moving objects from the provenance of a simulated truth, by setting.
+    """Return the process noise and the diameter of moving objects that `occlog simulate` used, by name of the setting.
 
-    Empty for another truth.
+    Empty if the truth is not a simulated recording.
     """
     # A table that counts frames has no recording, whatever their rate
     opened = None if truth is None else open_input(truth, fps=Fraction(1))
@@ -453,9 +480,13 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
 
 
 def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
-    """Evaluate directions of arrival against true ones, and write the outputs; return figures and input losses.
+    """Evaluate directions of arrival against true ones, and write the outputs.
 
-    UsageError if an input is missing or superfluous; InputError if none has a truth at its time.
+    Return figures and data losses of inputs.
+
+    Raises:
+        UsageError: an input is missing or superfluous.
+        InputError: there are no directions, or none has a truth near its time.
     """
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
@@ -488,7 +519,10 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
 
 
 def _true_directions(path: Path, found: Doa) -> Doa:
-    """Return the true directions in a table or log; a log without a sensor column is of the only array in `found`."""
+    """Return the true directions in a table or log.
+
+    A log without a sensor column is taken to be of the only array in `found`.
+    """
     opened = open_if_ours(path)
     if opened is not None:
         return opened.read(Doa)

@@ -47,7 +47,11 @@ Chunks = Callable[[], Iterator[T]]
 
 
 class MeasuredSource(NamedTuple):
-    """Distance measurements that can be read repeatedly, with their settings."""
+    """Distance measurements that can be read repeatedly.
+
+    `rows`: returns an iterator over chunks; `config`: settings for what they do not state; `radio`: fitted path loss
+    model, None: from the settings.
+    """
 
     rows: Chunks[Measurements]
     config: DistanceMeasurementConfig
@@ -56,20 +60,20 @@ class MeasuredSource(NamedTuple):
 
 @dataclass(frozen=True)
 class EvaluationSources:
-    """Inputs to evaluate; None if not given.
+    """Inputs of an evaluation, each a function that returns an iterator over chunks of rows; None: not given.
 
     Attributes:
         tracks: estimates.
         truth: true positions.
-        bearings: of all sensors.
-        diagnostics: of the tracks.
-        measured: measurements of distances.
-        views: of clusters or of a detector, to be compared with true boxes.
+        bearings: bearings of all sensors.
+        diagnostics: filter diagnostics of the tracks.
+        measured: distance measurements.
+        views: silhouettes from clusters or a detector, to be compared with true boxes.
         truth_boxes: true boxes.
-        cooperation: requests of cameras.
-        boxes: detections of all people, some of them in cameras that are held out.
-        made: how the tracks were made.
-        frames: first frame that counts, and the one after the last; None: all.
+        cooperation: requests to cameras.
+        boxes: detections of all people, among them those of held-out cameras.
+        made: provenance of the tracks: method, smoothing, length of a scan.
+        frames: first frame that is evaluated, and the one after the last; None: all.
     """
 
     tracks: Chunks[Tracks] | None = None
@@ -85,11 +89,11 @@ class EvaluationSources:
     frames: tuple[int, int] | None = None
 
     def in_frames(self, frames: tuple[int, int]) -> EvaluationSources:
-        """Restrict the sources to the frames first <= number < stop.
+        """Return the sources restricted to the frames first <= number < stop.
 
-        Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to
-        that of the one after the last, where frames are the times of true targets, else of true boxes, bearings, boxes
-        or tracks.
+        Views and true boxes have frame numbers. All other rows are taken from the time of the first frame up to that of
+        the one after the last, where frames are the times of true targets, else of true boxes, bearings, boxes or
+        tracks.
 
         Raises:
             InputError: there are no such frames.
@@ -127,7 +131,7 @@ def in_memory(table: T | None) -> Chunks[T] | None:
 
 
 def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
-    """Return a function that generates a table's rows in chunks; None without a file or rows.
+    """Return a function that generates the rows of a table in chunks; None without a file, or if it lacks the table.
 
     Rows of a recording or an external table, which are slow to read, are buffered on disk in the first pass.
     """
@@ -139,7 +143,7 @@ def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
 
 
 def _collected(chunks: Chunks[T]) -> Iterator[T]:
-    """Rechunk to at least `AT_ONCE` rows, except for the last chunk."""
+    """Generate the rows in larger chunks, of at least `AT_ONCE` rows except for the last one."""
     parts, rows = list[T](), 0
     for chunk in chunks():
         parts.append(chunk)
@@ -152,27 +156,28 @@ def _collected(chunks: Chunks[T]) -> Iterator[T]:
 
 
 def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
-    """Generate the chunks of rows with times [ns] in `span`, the end of which is excluded."""
+    """Generate the chunks restricted to rows with times [ns] in `span` (begin, end), the end excluded."""
     for chunk in chunks():
         yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 
 
 def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | None:
-    """Return a function that generates the rows of the frames first <= number < stop; None for None."""
+    """Return a function that generates the rows with frame numbers first <= number < stop; None for None."""
     if chunks is None:
         return None
     return lambda: (rows.take((rows.frame >= frames[0]) & (rows.frame < frames[1])) for rows in chunks())
 
 
 def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
-    """Return a function that generates all bearings, directions of arrival converted, as in `occlog track`; None: none.
+    """Return a function that generates all bearings in the order of time, as in `occlog track`; None without any input.
 
-    Directions of a recording are used along with its bearings unless others are named.
+    Directions of arrival are converted to bearings. Those of a recording are used along with its bearings unless others
+    are named.
 
     Args:
         path: bearings, table or recording.
         doa: directions of arrival.
-        labels: directions keep their labels; UsageError without any.
+        labels: directions keep their labels; UsageError without directions.
         scene: poses of the arrays.
     """
     measured = None if path is None else open_input(path)
@@ -208,10 +213,12 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
 
 
 def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:
-    """Time range of frames: from the first one up to the one after the last; None without frames.
+    """Return the time [ns] of the first of a range of frames, and that of the one after its last.
+
+    None without any times.
 
     Args:
-        chunks: times by which frames are numbered, in their order, each as often as may be.
+        chunks: times that are frames, in rising order, repeated or not; frames are numbered from 0.
         frames: first frame, and the one after the last.
 
     Raises:
@@ -238,10 +245,10 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
-    """Return the error that no frame is in the range `frames` (first, stop), of the `count` that there are."""
+    """Return the error that no frame is in the range `frames` (first, stop); `count`: number of frames there are."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0", id="empty-input")
 
 
 def no_true_box_message(frames: tuple[int, int]) -> InputError:
-    """Message about frames of views without any true box."""
+    """Return the error that the range `frames` (first, stop) has no true box."""
     return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them", id="empty-input")

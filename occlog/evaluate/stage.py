@@ -64,7 +64,7 @@ CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
 
 
 class CooperationCounts:
-    """Accumulates counts of camera requests in the order of time."""
+    """Accumulates counts of the requests of a tracker to cameras (`track --cooperation`), in the order of time."""
 
     def __init__(self) -> None:
         """Create counts without requests."""
@@ -73,7 +73,7 @@ class CooperationCounts:
         self._span: tuple[int, int] | None = None
 
     def update(self, asked: Cooperation) -> None:
-        """Add the requests of further, whole times."""
+        """Add the requests of further times; all requests of a time must come in one call."""
         own = asked.take(asked.cause != SHARED)
         self._rows, self._own = self._rows + len(asked), self._own + len(own)
         self._answered += int(np.count_nonzero(own.answered))
@@ -85,17 +85,17 @@ class CooperationCounts:
             self._span = (int(times[0]) if self._span is None else self._span[0]), int(times[-1])
 
     def result(self, tracked: tuple[int, int] | None) -> dict[str, float]:
-        """Numbers of requests and frames, and their mean periods.
+        """Return numbers of requests and frames, and the mean period of requests.
 
         Args:
-            tracked: first and last time of the tracks; the period is the time between them by the number of times at
-                which cameras were asked.  None, without tracks: the mean time between these.
+            tracked: first and last time of the tracks [ns]; the period is the time between them over the number of
+                times at which cameras were asked. None, without tracks: the mean interval of these times.
 
         Returns:
-            `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows
-            of this cause are no requests, but positions that came along with others), `cooperation_frames`,
-            `cooperation_period_s` (NaN if it is not known), and `cooperation_requests_CAUSE`; a request with several
-            causes counts for each.
+            `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows of
+            this cause are no requests, but positions that came along with others), `cooperation_frames`,
+            `cooperation_period_s` (NaN if unknown), and `cooperation_requests_CAUSE`; a request with several causes
+            counts for each.
         """
         first, last = tracked or self._span or (0, 0)
         count, causes = (self._times if tracked else self._times - 1), self._causes
@@ -132,20 +132,20 @@ def evaluate(
     measured: tuple[Measurements, DistanceMeasurementConfig, Radio | None] | None = None,
     many: MultiTargetConfig | None = None,
 ) -> Evaluation:
-    """Evaluate tables in memory; see `Evaluator`.
+    """Evaluate tables in memory: all figures that the given tables allow; see `Evaluator`.
 
     Args:
         tracks: estimates.
         truth: true positions.
-        bearings: of all sensors.
+        bearings: bearings of all sensors.
         scene: the sensors; its unit of lengths ends the names of figures (`rmse_m`).
         config: settings; None: defaults.
-        views: to be compared with `truth_boxes`.
+        views: silhouettes to compare with `truth_boxes`.
         truth_boxes: true boxes.
-        cooperation: requests of cameras.
-        made: how the tracks were made; None: not known.
+        cooperation: requests to cameras.
+        made: provenance of the tracks; None: unknown.
         boxes: detections of all people, to be predicted in cameras that are held out.
-        measured: measurements of distances, which count in the bound, with their settings and a fitted path loss.
+        measured: distance measurements, which count in the bound, with their settings and a fitted path loss.
         many: settings of the figures of many targets; None: these are skipped.
 
     Raises:
@@ -175,15 +175,15 @@ def evaluate(
 
 
 class Evaluator:
-    """Evaluates the given inputs.
+    """Evaluates all given inputs, in chunks and bounded memory.
 
     Tracks and truth give errors and, if requested, the figures of many targets; bearings and truth give detections and
-    the bound; bearings alone give distances of the tracks from triangulated positions, and the prediction of held-out
-    sensors; views and true boxes give recall and precision; camera requests give their cost.
+    the bound; bearings and tracks give distances of the tracks from triangulated positions, and the prediction of
+    held-out sensors; views and true boxes give recall and precision; camera requests give their cost.
     """
 
     def __init__(self, sources: EvaluationSources, scene: Scene, config: EvaluateConfig) -> None:
-        """Find what must be known of the whole.
+        """Read tracks and truth once, to find identities and times.
 
         Args:
             sources: inputs to evaluate.
@@ -192,7 +192,7 @@ class Evaluator:
 
         Raises:
             InputError: a sensor is held out, and there are no tracks, or neither bearings nor boxes; the truth has
-                rows, and none of a target.
+                rows, but none of a target; or too many targets and tracks exist at the same time.
         """
         if config.held_out and (sources.tracks is None or (sources.bearings is None and sources.boxes is None)):
             raise InputError(
@@ -220,7 +220,7 @@ class Evaluator:
 
     @property
     def several(self) -> bool:
-        """Whether there are several tracks or targets, or an empty truth."""
+        """Whether multi-target figures apply: several tracks or targets are compared, or the truth is empty."""
         known = self.known
         return self._compares and (max(len(known.tracks), len(known.targets)) > 1 or known.truth_ns is None)
 
@@ -235,10 +235,10 @@ class Evaluator:
         """Compute all figures.
 
         Args:
-            take: gets errors, bound, failures and counts in parts, in the order of time.
+            take: is called with tables of errors, bound, failures and counts in parts, in the order of time.
             many: settings of the figures of many targets, with a match distance; None: these are skipped.
-            with_positions: whether noise is measured at known positions.
-            numbers: notes on the numbers of tracks, which come before that on the errors.
+            with_positions: whether the noise of cameras is measured at true positions.
+            numbers: notes on the identities of the tracks, which precede the note on the errors.
 
         Raises:
             InputError: the tables do not fit together (no common identity, time or sensor).
@@ -299,10 +299,10 @@ class Evaluator:
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
     def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
-        """Return the target of each track by label, found by a pass over all frames if need be.
+        """Return the target of each track by identity, found by a pass over all frames if needed.
 
         Args:
-            ground: multi-target figures, which the pass prepares; None: there are none.
+            ground: multi-target figures, for which the pass is the first of two; None: there are none.
             many: their settings.
         """
         known, by_number = self.known, self._config.match == "id"
@@ -319,7 +319,10 @@ class Evaluator:
         return pairs_by_number(known) if by_number or known.single is None else dict([known.single])
 
     def of_many(self, many: MultiTargetConfig) -> GroundFigures:
-        """Multi-target figures only; `many`: their settings, with a match distance."""
+        """Compute the multi-target figures only, in two passes, and return them.
+
+        `many`: settings with a match distance.
+        """
         ground = GroundFigures.of(self.known, many, self._scene.length_unit)
         for take in (ground.prepare, ground.update):
             for _, frames in self._parts(many):
@@ -330,9 +333,13 @@ class Evaluator:
     def _parts(
         self, many: MultiTargetConfig | None, companion: SegmentTables | None = None
     ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
-        """Generate sections, with their frames for the multi-target figures if requested.
+        """Generate tracks and truth in time intervals, each with its frames for the multi-target figures.
 
-        Frames are the times of true targets; of an empty truth, in which no target is there, those of the tracks.
+        Frames are the times of true targets; if the truth is empty, those of the tracks; None: not needed, or none.
+
+        Args:
+            many: settings of the multi-target figures; None: no frames are made.
+            companion: other tables that are read along; None: none.
         """
         known, limit, begin = self.known, self._config.limit_ns, 0
         truth = self._sources.truth if self._compares or self._sees else None
@@ -347,11 +354,11 @@ class Evaluator:
             begin += len(times)
 
     def _figures(self, errors: TrackErrors, seen: AgainstBearings | None) -> tuple[Metrics, list[str]]:
-        """Return all figures except multi-target ones, and notes.
+        """Return all figures except multi-target ones by name, and notes for the user.
 
         Args:
-            errors: figures of the errors.
-            seen: figures of bearings; None: there are none.
+            errors: accumulated errors.
+            seen: accumulated figures of bearings; None: there are none.
         """
         known, sources, notes = self.known, self._sources, list[str]()
         metrics: Metrics = {}
@@ -374,7 +381,10 @@ class Evaluator:
         return metrics | self._of_boxes() | self._of_views() | self._of_requests(), notes
 
     def _of_boxes(self) -> Metrics:
-        """Prediction of people's boxes in held-out cameras; tables are read as a whole."""
+        """Return the figures of boxes in held-out cameras as predicted by the tracks; empty without boxes and tracks.
+
+        Tables are read as a whole.
+        """
         sources = self._sources
         if sources.boxes is None or sources.tracks is None:
             return {}
@@ -416,9 +426,9 @@ def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
 
     Args:
         plugin: name of the plug-in.
-        figure: its name for the figure.
-        unit: of the figure; the word `length` in it is replaced.
-        length_unit: of the scene.
+        figure: name of the figure in the plug-in.
+        unit: unit of the figure; the word `length` in it is replaced.
+        length_unit: unit of lengths of the scene.
     """
     of = unit.replace("length", length_unit)
     own = f"{plugin.replace('-', '_')}_{figure}"
@@ -426,7 +436,7 @@ def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
 
 
 def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
-    """Return the full names of all figures of the chosen metric plug-ins, in any length unit."""
+    """Return the full names of all figures of the chosen metric plug-ins, for every possible length unit."""
     lengths = (*METRES, "unit")
     return {
         full_name(each.plugin.name, name, unit, length)
@@ -459,16 +469,18 @@ def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
 def with_plugins(
     result: Evaluation, plugged: Iterable[Chosen], tracks: Tracks, truth: Truth, length_unit: str
 ) -> Evaluation:
-    """Return the evaluation with figures of plug-ins added.
+    """Return the evaluation with the figures of plug-ins added.
 
     Args:
         result: the evaluation.
         plugged: chosen metric plug-ins.
-        tracks: of the evaluation.
-        truth: of the evaluation.
-        length_unit: of both.
+        tracks: evaluated tracks.
+        truth: truth that they were compared with.
+        length_unit: unit of lengths in both tables.
 
-    PluginError if one fails or returns invalid values; UsageError for a name that the evaluation has.
+    Raises:
+        PluginError: a plug-in fails or returns invalid values.
+        UsageError: a name of a figure is already in the evaluation.
     """
     metrics, names = dict(result.metrics), list[str]()
     for each in plugged:

@@ -56,7 +56,13 @@ MAX_BOUND_RATIO = 5.0
 
 
 class TrackProvenance(NamedTuple):
-    """Settings and unit of tracks from their provenance, as needed for a verdict."""
+    """How tracks were made, as far as a verdict on them needs it; from their provenance.
+
+    `smoothed`: estimated with later measurements, too; `one_target`: unlabelled bearings were taken to be of one
+    target; `unlabelled`: such bearings were used; `sensors`: names of those that were used, None: unknown; `window_ns`:
+    bearings up to so long before an estimate belong to it [ns]; `own_numbers`: identities are the tracker's own and may
+    be exchanged; `measured`: distance measurements were used.
+    """
 
     smoothed: bool = False  # estimated with later measurements
     one_target: bool = False  # candidates without a label were taken for one target's
@@ -83,7 +89,10 @@ class TrackProvenance(NamedTuple):
 
 
 def bearings_used(bearings: Bearings, made: TrackProvenance, held_out: tuple[str, ...]) -> Bearings:
-    """Bearings that tracks were made from, if known; `held_out`: sensors that were not used."""
+    """Return the bearings that the tracks were made from, as far as is known.
+
+    `held_out`: names of sensors that were not used.
+    """
     use = np.isin(bearings.sensor, list(held_out), invert=True)
     if made.sensors is not None:
         use &= np.isin(bearings.sensor, sorted(made.sensors))
@@ -100,14 +109,14 @@ def checks_with_truth(
     unknown: bool,
     metrics: Mapping[str, object],
 ) -> tuple[Check, ...]:
-    """All findings about tracks.
+    """Return all consistency checks of tracks: against their bearings, and against the truth.
 
     Args:
         found: statistics of the tracks and their bearings.
-        made: how the tracks were made.
+        made: provenance of the tracks.
         against: statistics of their errors.
-        unknown: the covariance of an estimate is not known.
-        metrics: figures of the evaluation.
+        unknown: whether the covariance of some estimate is not known.
+        metrics: figures of the evaluation by name.
     """
     check = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
@@ -123,7 +132,9 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Generate a finding if bearings agree with tracks that are far from the truth, and disagree with the truth.
+    """Generate a warning if bearings agree with the tracks, and both are far from the truth.
+
+    The truth is then probably of another target.
 
     Args:
         found: agreement of the bearings with the tracks.
@@ -135,7 +146,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
 
 
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
-    """Return the errors of tracks while they are on their assigned target.
+    """Return only the errors below the match distance, in which tracks are on their assigned target.
 
     After an identity switch, the distance to the assigned target says nothing about covariances.
     """
@@ -144,7 +155,10 @@ def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
 
 
 class _Nees:
-    """Sums of normalised squared errors and their expectations; targets are independent of each other."""
+    """Sums of normalised estimation errors squared (NEES) of each target, for their mean and the share above a limit.
+
+    `dimensions`: 2 or 3; `limit`: 95 % quantile of chi-square for it.
+    """
 
     def __init__(self, dimensions: int, limit: float) -> None:
         self.dimensions, self._limit = dimensions, limit
@@ -163,20 +177,26 @@ class _Nees:
 
     @property
     def mean(self) -> Ratio:
-        """Mean normalised squared error over the number of dimensions."""
+        """Mean NEES over the number of dimensions (consistent: 1), with its uncertainty."""
         return Ratio.of_parts(self._squares[k] for k in sorted(self._squares))
 
     @property
     def share(self) -> Ratio:
-        """Share of errors outside the 95 % ellipse over the expected share."""
+        """Share of errors outside the 95 % ellipse over the expected 5 % (consistent: 1), with its uncertainty.
+
+        Errors with a singular covariance count as outside.
+        """
         return Ratio.of_parts(self._outside[k] for k in sorted(self._outside))
 
 
 class CovarianceConsistency:
-    """Accumulates errors over a stream to check covariances against them."""
+    """Accumulates the NEES of errors over a stream, to check whether the covariances of the tracks are consistent."""
 
     def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
-        """Start without errors; provenance and scene of the tracks."""
+        """Start without errors; `made`: how the tracks were made.
+
+        `scene`: for the unit of the match distance, None: unknown.
+        """
         self.rows = self._high = 0
         self._own_numbers, self._scene = made.own_numbers, scene
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
@@ -199,7 +219,10 @@ class CovarianceConsistency:
             self._ground.update(target, nees[rows])
 
     def checks(self) -> tuple[Check, ...]:
-        """Check whether covariances are consistent with the errors."""
+        """Return the check of whether covariances are consistent with the errors (NEES), with warnings if not.
+
+        It is in space if all errors are.
+        """
         if self.rows < MIN_SAMPLES:
             few = f"fewer than {MIN_SAMPLES} errors" if self.rows else "no errors against a truth"
             return outcome(COVARIANCES, (), unless=few)
@@ -214,7 +237,10 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
-    """Generate findings about covariances that are singular, too small or too large; `rows`: number of estimates."""
+    """Generate warnings about covariances that are singular, too small or too large.
+
+    `found`: accumulated NEES; `rows`: number of estimates.
+    """
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
@@ -247,7 +273,7 @@ def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
 
 
 def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
-    """Return the checks of the detection rate, and of the errors against the bound."""
+    """Return the checks of the detection rate, and of the errors against the bound, from figures by name."""
     return (
         *outcome(
             DETECTIONS,
@@ -267,14 +293,14 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
 
 
 def _no_bound(metrics: Mapping[str, object]) -> str:
-    """Return the reason why errors are not compared with the bound, by the figures; empty if they are."""
+    """Return the reason why errors are not compared with the bound, from figures by name; empty if they are."""
     if independent_ids(metrics):
         return "tracks have their own identities, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Generate a finding if the detection rate in `metrics` is low: bearings are not of the true targets."""
+    """Generate a warning if the detection rate in `metrics` is low: bearings are probably not of the true targets."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
     if rate < MIN_DETECTION_RATE and exceeds_share(
         round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE
@@ -283,7 +309,7 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Generate a finding if the errors are far above the bound."""
+    """Generate a warning if the ratio of the errors to the bound in `metrics` exceeds `MAX_BOUND_RATIO`."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
         yield finding(BOUND, "error-far-above-bound", ratio=ratio, allowed=MAX_BOUND_RATIO)
@@ -296,7 +322,11 @@ def _number(metrics: Mapping[str, object], name: str) -> float:
 
 
 class SightEvidence:
-    """Accumulates evidence of bearings for and against tracks."""
+    """Compares bearings with tracks over a stream, interval by interval, and adds to a `ConsistencyEvidence`.
+
+    It adds the residuals of bearings, the numbers of bearings near no track, the intersections of bearings, and how
+    many bearings another sensor confirms.
+    """
 
     def __init__(
         self,
@@ -309,10 +339,10 @@ class SightEvidence:
         """Create empty evidence.
 
         Args:
-            evidence: receives the findings.
+            evidence: receives the statistics, in place.
             scene: the sensors.
-            made: how the tracks were made.
-            held_out: sensors that the tracks were made without.
+            made: provenance of the tracks.
+            held_out: names of sensors that the tracks were made without.
             in_memory: how many distances of all cameras are kept in memory.
         """
         self._evidence, self._scene, self._made, self._held_out = evidence, scene, made, held_out
@@ -323,7 +353,7 @@ class SightEvidence:
 
     @property
     def margin_ns(self) -> int:
-        """Margin [ns] around a section within which tracks and bearings are needed."""
+        """How long before and after a time interval `update` needs tracks and bearings, too [ns]."""
         return self._made.window_ns + 1
 
     def update(
@@ -333,13 +363,13 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Compare the bearings of a section with the tracks, and add the residuals to the evidence.
+        """Compare the bearings of a time interval with the tracks, and add the residuals to the evidence.
 
         Args:
-            limits: times of the section.
+            limits: begin and end of the interval.
             tracks: buffered tracks.
             bearings: buffered bearings.
-            diagnostics: with the same rows as the tracks (`in_rows_of`); None: there are none.
+            diagnostics: one row for each row of the tracks (`in_rows_of`); None: there are none.
         """
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
@@ -367,7 +397,7 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Close the comparison after the last section: pending bearings, and the share of pose errors by camera."""
+        """Finish after the last interval: process pending bearings, and set each camera's share of pose errors."""
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)
@@ -376,7 +406,10 @@ class SightEvidence:
 
 
 class _Alone:
-    """Counts bearings confirmed by another sensor, once all rows around them are known."""
+    """Counts bearings, those that another sensor confirms, and rejected ones, in place in a `ConsistencyEvidence`.
+
+    A bearing is confirmed by one of the same target within 1 s. It is counted once all rows near it in time are known.
+    """
 
     def __init__(self, evidence: ConsistencyEvidence) -> None:
         self._evidence = evidence
@@ -384,7 +417,10 @@ class _Alone:
         self._first: dict[int, int] = {}
 
     def add(self, residuals: Residuals, end_ns: int) -> None:
-        """Add rows; later rows are not before `end_ns`."""
+        """Add residuals in the order of time.
+
+        `end_ns`: no later row is before this time [ns], `LAST`: no row follows.
+        """
         rows = Residuals.concat([self._kept, residuals])
         if not len(rows):
             return
@@ -405,10 +441,10 @@ class _Alone:
 
 
 def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> Iterator[Diagnostics]:
-    """Diagnostics of the rows of tracks, one for each, in chunks like these and with their times.
+    """Generate the diagnostics of the rows of tracks, in chunks as those of the tracks and with their times.
 
     Raises:
-        InputError: there are fewer of them.
+        InputError: there are fewer rows of diagnostics than of tracks.
     """
     held, rest = Diagnostics.empty(), iter(diagnostics)
     for chunk in tracks:

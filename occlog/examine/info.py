@@ -33,11 +33,11 @@ Described = tuple[Mapping[str, object], list[str]]
 
 
 def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Described:
-    """Describe each file of a folder in one line.
+    """Describe each file of a folder in one line; return values for JSON, and lines of text.
 
     Args:
-        folder: with entries that are checked, up to `MAX_ENTRIES`; those subfolders that are bags, too.
-        describe: values and lines of one file; InputError where it is none that occlog reads.
+        folder: its first `MAX_ENTRIES` entries are described; subfolders only if they are bags.
+        describe: returns values and lines of one file; InputError if occlog cannot read it.
 
     Raises:
         InputError: the folder is empty, or cannot be listed.
@@ -86,7 +86,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
 
 
 def _kinds(path: Path) -> list[FileContent]:
-    """Return what a file may be for the readers of `occlog ingest`; empty for a damaged one."""
+    """Return what a file may be for the readers of `occlog ingest`, best guess first; empty for a damaged file."""
     try:
         return contents_of(path)
     except InputError:
@@ -134,7 +134,10 @@ class Description(NamedTuple):
 
 
 def describe(path: Path, rows: int) -> Description:
-    """Describe a file by its content; of a table also the first `rows` rows."""
+    """Describe a file or folder by its content.
+
+    Of a table also the first `rows` rows. InputError for an unknown kind.
+    """
     from occlog.io.files.limits import describe_unsupported
     from occlog.io.open import is_table_in_parts, open_if_ours, open_input
 
@@ -164,7 +167,7 @@ def describe(path: Path, rows: int) -> Description:
 
 
 def _describe_bag(path: Path) -> Description:
-    """Describe a bag: topics, rates, what would be read from it, and by which command."""
+    """Describe a ROS bag: topics, rates, what `occlog ingest` would read from it, and its command."""
     from occlog.errors import UsageError
     from occlog.io.messages.bag import borrowed_lines, open_bag, survey, topic_lines
     from occlog.io.messages.kinds import TopicKind, kind_of
@@ -378,7 +381,7 @@ def _describe_table(path: Path, rows: int) -> Description:
 
 
 def _describe_external(table: ExternalTable) -> Description:
-    """Describe an external table: the table it is read as, and by which columns."""
+    """Describe an external table: the occlog table that it is read as, and the meaning of each column."""
     source, layout = table.source, table.layout_of(table.widest(table.layout.table))
     used = {s.name: s for s in layout.columns}
     checked = {s.far: s.name for s in layout.columns if s.far}
@@ -404,7 +407,10 @@ def _describe_external(table: ExternalTable) -> Description:
 
 
 def _unit_of(spelled: Spelling) -> str:
-    """Return the unit of an external column; for a speed in cm/s the name states the length unit."""
+    """Return the unit of an external column as text.
+
+    For a derived unit with the length unit filled in, such as cm/s.
+    """
     from occlog.records.columns import LENGTHS, in_length_unit
 
     return in_length_unit(spelled.column.unit, spelled.unit) if spelled.column.unit in LENGTHS else spelled.unit

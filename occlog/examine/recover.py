@@ -58,7 +58,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 
 def _made_again(path: Path) -> str:
-    """Return the remedy for a damaged table: command and inputs that made it, if its footer states them."""
+    """Return the message that a table is not salvaged, with the command and inputs that made it, if known."""
     from occlog.io.files.tables.parquet import read_header
 
     try:

@@ -83,7 +83,7 @@ NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
 
 
 def load(where: str) -> Any:
-    """Import the object that `where` names as `module:name`."""
+    """Import and return the object that `where` names as `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
 
@@ -94,7 +94,7 @@ def verbs() -> tuple[str, ...]:
 
 
 def settings_of(verb: str) -> dict[str, type[Settings]]:
-    """Return the settings classes of the command `verb` by owner; of `track` by method."""
+    """Return the settings classes of a command by name of their group; of `track` by method, and shared groups."""
     if verb != "track":
         classes = [load(where) for where in CLASSES[verb]]
         return {of.OWNER: of for of in classes}
@@ -103,10 +103,7 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
 
 
 def settings_schema(verb: str) -> dict[str, object]:
-    """Return the JSON Schema of the settings of the command `verb`.
-
-    One definition per class; an object matches one of them.
-    """
+    """Return the JSON Schema of the settings of a command; of several settings classes, an object matches one."""
     from occlog.settings import json_schema
 
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
@@ -118,17 +115,20 @@ def settings_schema(verb: str) -> dict[str, object]:
 
 
 def part_key(name: str) -> str:
-    """Key of a schema definition: the name without blanks."""
+    """Return the key of a schema definition: the name with hyphens instead of blanks."""
     return name.replace(" ", "-")
 
 
 def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
-    """Schemas of the settings of all commands, by published name."""
+    """Return functions that make the schema of the settings of each command, by published name."""
     return {NAMES.get(verb, verb): partial(settings_schema, verb) for verb in verbs()}
 
 
 def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
-    """All schemas by published name: tables, messages, file formats, settings, and the output of `doctor`."""
+    """Return functions that make all schemas, by published name.
+
+    They are of tables, messages, file formats, settings, and the output of `doctor`.
+    """
     from occlog.io.formats.models.schemas import SCHEMAS
 
     from .doctor.findings import finding_schema
@@ -170,11 +170,13 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
 
 
 def _of_plugin(name: str, names: Sequence[str]) -> dict[str, object]:
-    """JSON Schema of a plug-in's settings; for several plug-ins with one name, a definition for each kind.
+    """Return the JSON Schema of a plug-in's settings; of several plug-ins with this name, a definition for each kind.
+
+    UsageError if there is none.
 
     Args:
-        name: of the plug-in.
-        names: of our schemas, for a hint where there is no plug-in of that name either.
+        name: name of the plug-in.
+        names: names of occlog's schemas, for a hint in the error.
     """
     from occlog.plugins.loading import installed
     from occlog.settings import json_schema

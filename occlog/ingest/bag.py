@@ -78,7 +78,11 @@ STEEP = math.cos(math.radians(30))
 
 
 def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
-    """(name, topic) pairs that the user gives, by options and in files; UsageError for a topic without a name."""
+    """(name, topic) pairs that the user gives by the options `topic` and in the YAML files `topics` of the plan.
+
+    Raises:
+        UsageError: a topic is given without a name.
+    """
     out = [pair for path in plan.topics for pair in read_topic_map(path)]
     for name, topic in plan.topic:
         if name is None:
@@ -90,7 +94,13 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
 
 
 def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
-    """Survey the content of the bag, and note the selected topics; InputError if no topic is usable."""
+    """Survey a bag: select its topics by the user's choice and by message types, and note the selected ones.
+
+    `note` is called with each line of text.
+
+    Raises:
+        InputError: no topic has images, boxes, true positions or directions that can be used.
+    """
     found = survey(bag, asked_topics(plan))
     chosen = found.map
     if not (chosen.cameras or chosen.poses or chosen.directions):
@@ -118,7 +128,14 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
 
 
 class BagCameraPoses(NamedTuple):
-    """Cameras of a bag with known poses, reasons for the others, the world frame, and findings."""
+    """Cameras of a bag with known poses, and why others have none.
+
+    Attributes:
+        cameras: cameras with poses in the world frame.
+        reasons: by name of each other camera, why the bag gives no pose.
+        world: name of the world frame among the transforms of the bag; None: no camera is connected to one.
+        findings: findings of checks of the calibrations.
+    """
 
     cameras: tuple[Camera, ...]
     reasons: dict[str, str]
@@ -127,15 +144,19 @@ class BagCameraPoses(NamedTuple):
 
 
 def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> BagCameraPoses:
-    """Cameras of a bag with poses from their calibrations and transforms, except those with poses from other files.
+    """Cameras of a bag with poses from its camera_info messages and transforms, except those that other files place.
 
-    The world frame is the one that the user gives, else the highest one in the transform tree in which no camera moves.
+    The world frame is the one that the user names, else the topmost frame in the transform tree relative to which the
+    cameras are static.
 
     Args:
-        found: topics and calibrations of the bag.
+        found: topics, calibrations and transforms of the bag.
         plan: options of the user.
         others: names of cameras with poses from other files.
         note: called with remarks for the user.
+
+    Raises:
+        UsageError: the world frame or the axes of a camera's frame are ambiguous, or the named world frame is missing.
     """
     reasons: dict[str, str] = {}
     known = {}
@@ -183,9 +204,12 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 
 def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> None:
-    """InputError if images have the full sensor size although the calibration states binning or a region.
+    """InputError if images have the full sensor size although the calibration states binning or a region of interest.
 
-    `stated` is the image size that follows from these.
+    Args:
+        camera: name.
+        found: has the calibration, and the size of the images.
+        stated: width and height [px] of images with this binning and region.
     """
     info, size = found.infos[camera], found.sizes.get(camera)
     if size is not None and size != stated and size == info.size:
@@ -199,9 +223,15 @@ def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> Non
 def _camera(
     name: str, model: Intrinsics, rotation: Floats, centre: Floats, where: str, options: CalibrationOptions
 ) -> Camera:
-    """Create the camera of a pose: `rotation` (3, 3) is world-from-camera, `centre` (3,) the position.
+    """Create a camera of the scene from its intrinsics and pose; further options of the calibration are applied.
 
-    `where` names the source in messages.
+    Args:
+        name: of the camera.
+        model: intrinsics from camera_info.
+        rotation: (3, 3) world-from-camera rotation.
+        centre: (3,) position of the camera centre in the world [m].
+        where: source of the calibration, for messages.
+        options: what the user gives for calibrations; notes and findings are added to it.
     """
     pose = Pose(
         name=name,
@@ -216,20 +246,26 @@ def _camera(
 
 
 def _is_rectified(found: BagSurvey, camera: str) -> bool:
-    """Whether a camera has rectified images, by the name of its image topic, or else of its box topic."""
+    """Whether a camera's images, or without images its boxes, are rectified, judged by the name of the topic."""
     boxes = found.map.boxes.get(camera, "")
     return is_rectified(found.map.images[camera]) if camera in found.map.images else "rect" in boxes
 
 
 def _shared_frames(found: BagSurvey) -> set[str]:
-    """Frames shared by several cameras, as in stereo pairs with a right camera known by its matrix P only."""
+    """Transform frames that several cameras of the bag state.
+
+    So do stereo pairs in which the pose of the right camera is known only by its projection matrix P.
+    """
     return {frame for frame, cameras in Counter(found.frames.values()).items() if cameras > 1}
 
 
 def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None:
-    """World frame in which to place `cameras` (names); None if the bag has no transforms of them.
+    """Name of the world frame in which to place `cameras` (names): the user's, or the root in which they are static.
 
-    UsageError if the frame that the user gives is missing, or the cameras are in unconnected trees.
+    None if no transform of the bag involves their frames.
+
+    Raises:
+        UsageError: the bag lacks the frame that the user names, or the cameras are in unconnected trees of transforms.
     """
     tree = found.transforms
     if plan.world_frame is not None:
@@ -257,9 +293,14 @@ def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
 
 
 def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
-    """World-from-camera pose with optical axes (z forward); a frame stated to have body axes (`camera_axes`) is turned.
+    """World-from-camera pose with optical axes (x right, y down, z forward) of a camera's frame.
 
-    UsageError if the axes are not stated, the name lacks "optical" and z points up, as in a frame with body axes.
+    A frame that the user states to have body axes (`camera_axes`; x forward, z up) is turned. `frame` is its name,
+    `placed` its pose in the world.
+
+    Raises:
+        UsageError: the axes are not stated, the name lacks "optical", and z is within 30 degrees of straight up, as in
+            a frame with body axes.
     """
     if plan.camera_axes == "body":
         return FramePose(placed.rotation @ BODY, placed.translation)
@@ -274,7 +315,7 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
 
 @dataclass
 class _CameraState:
-    """Reading state of a camera's topic: counts and times of messages so far."""
+    """Counts, first and last times of the messages of one topic so far, and why messages were skipped."""
 
     sized: tuple[int, int] | None = None
     last: int | None = None
@@ -293,9 +334,9 @@ class _CameraState:
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
-        """Count a message with a time that is not after that of the previous one.
+        """Count a skipped message that is not later than the previous one of its topic.
 
-        `log_ns` is when it was recorded, `t_ns` its own time [ns].
+        It is earlier, or repeats the time. `log_ns` is when it was recorded, `t_ns` its own time [ns].
         """
         back_ns = (self.last or 0) - t_ns
         where = f"the first after message {self.taken - 1}, recorded {utc(log_ns)}; these messages were skipped"
@@ -307,17 +348,19 @@ class _CameraState:
 
 
 class CollectedVideo:
-    """Collects the messages of a compressed video stream in a file for the decoder; undecodable messages are counted.
+    """Collects the messages of a compressed video stream in a file for the decoder.
+
+    Counts those that cannot be decoded.
 
     Attributes:
-        reason: why the first of the undecodable messages cannot be decoded; empty: all can.
-        numbers: number of the message of each picture that is decoded.
-        times: of these [ns].
-        file: they.
+        reason: why the first message that cannot be decoded cannot; empty: all can.
+        numbers: message number, from 0, of each picture in the file.
+        times: time of each picture in the file [ns].
+        file: the file to which the pictures are written.
     """
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Create the file at `path`, without messages, for a stream with an encoding and a size (width, height)."""
+        """Create the file `path` for a stream with an encoding (`h264`, `h265`, ...) and image size (width, height)."""
         self.reason, self.numbers, self.times = "", list[int](), list[int]()
         self.file = StreamFile(path, encoding.lower(), size)
         self._reader = StreamReader(encoding)
@@ -325,9 +368,10 @@ class CollectedVideo:
         self._whole = False  # from the last key frame on all messages are there
 
     def add(self, data: bytes, t_ns: int) -> None:
-        """Add the next message, of time `t_ns` [ns]; InputError if it is not a picture of the stream.
+        """Append the next message, of time `t_ns` [ns], to the file; InputError if it is not a picture of the stream.
 
-        Pictures that cannot be decoded, before a key frame or after a missing one, are counted and left out.
+        Pictures before the first key frame, or that depend on a missing one, cannot be decoded: they are counted and
+        left out.
         """
         number, self._count = self._count, self._count + 1
         unit = self._reader.read(data)
@@ -345,17 +389,23 @@ class CollectedVideo:
         self.times.append(t_ns)
 
     def fail(self, reason: str) -> None:
-        """Note an unreadable message, with the reason: pictures up to the next key frame depend on it."""
+        """Note that a message is unreadable, and why: later pictures up to the next key frame cannot be decoded."""
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
-        """Close the file; return the number of messages left out because they cannot be decoded."""
+        """Close the file, and return the number of messages that were left out."""
         self.file.close()
         return self._lost
 
 
 def _decoding(stream: CollectedVideo, camera: str, plan: IngestPlan) -> CameraSource:
-    """Decoder of a collected stream, with message numbers and times, for the frames that the plan selects."""
+    """Source of the decoded pictures of a collected stream, with their times, for the frames that the plan selects.
+
+    Args:
+        stream: closed file with its message numbers and times.
+        camera: name, for the selection of frames by message number.
+        plan: has the selection and the storage of images.
+    """
     times = np.array(stream.times, dtype=np.int64)
     first, stop = plan.frames.of(camera) or (0, None)
     start = bisect_left(stream.numbers, first)
@@ -373,7 +423,10 @@ def _decoding(stream: CollectedVideo, camera: str, plan: IngestPlan) -> CameraSo
 
 
 def _of_messages(loss: Loss, topic: str, numbers: Sequence[int]) -> Loss:
-    """Replace picture numbers in a loss of the decoder by message numbers; `numbers` has that of each picture."""
+    """Copy of a decoder's loss with the topic as source, and message numbers in place of picture numbers.
+
+    `numbers` has the message number of each picture of the stream.
+    """
     return replace(
         loss,
         source=topic,
@@ -387,7 +440,10 @@ def _pictures(topic: str, source: CameraSource) -> Iterator[tuple[int, str, Deli
 
 
 class Taking:
-    """Writes the messages of a bag to the recording, in one pass."""
+    """Writes the messages of the selected topics of a bag to a recording, in one pass, and collects losses and checks.
+
+    Compressed video streams are collected in temporary files, which `write_videos` decodes and `__exit__` deletes.
+    """
 
     def __init__(
         self,
@@ -399,16 +455,18 @@ class Taking:
         placement: BagCameraPoses,
         turn: Turn | None,
     ) -> None:
-        """Initialise from the selected topics.
+        """Prepare for the selected topics.
+
+        If frames are selected and there is truth, this reads the bag once for frame times.
 
         Args:
             bag: open bag.
             found: its selected topics.
             plan: options of the user.
             scene: scene of the recording.
-            clocks: by name of the sensor.
+            clocks: clock model by name of the sensor.
             placement: poses of the bag's cameras.
-            turn: transform to the levelled world; None: it is upright.
+            turn: transform of positions to the levelled world; None: the world is upright.
         """
         self.bag, self.found, self.plan, self.scene = bag, found, plan, scene
         self.frames: dict[str, int] = {}
@@ -439,7 +497,7 @@ class Taking:
 
     @property
     def count(self) -> int | None:
-        """Expected number of messages; None if unknown."""
+        """Number of messages of the selected topics; None if the bag does not state it for one of them."""
         counts = [self.found.topics[t].messages for t in self._wanted()]
         return None if None in counts else sum(c or 0 for c in counts)
 
@@ -447,11 +505,15 @@ class Taking:
         return {*self._cameras, *self._arrays, *self._targets, *self._boxes, *self._infos}
 
     def messages(self) -> Iterator[BagMessage]:
-        """The messages of the topics to be written."""
+        """Iterate over the messages of the selected topics, in the order of the bag."""
         return self.bag.messages(self._wanted())
 
     def _frame_times(self) -> dict[str, FrameTimes]:
-        """Frame times of every camera (images, or messages of a detector), by a pass over the bag."""
+        """World times of the frames of each camera, by its name.
+
+        They are read in a pass over the messages of images or, if the bag has no selected images, of boxes. Messages
+        that are damaged or not later than the previous one are left out.
+        """
         topics = self._cameras or {topic: rows.camera for topic, rows in self._boxes.items()}
         states = {topic: _CameraState() for topic in topics}
         times: dict[str, list[int]] = {topic: [] for topic in topics}
@@ -467,7 +529,16 @@ class Taking:
         return {topics[topic]: FrameTimes(topic, table_ns=table) for topic, table in tables.items() if len(table)}
 
     def take(self, message: BagMessage, writer: RecordingWriter) -> None:
-        """Write the content of a message; damaged or out-of-order messages are counted."""
+        """Write the content of a message to the recording.
+
+        Damaged messages, and those that are not later than the previous one of their topic, are counted and skipped;
+        pictures of a video stream are collected for `write_videos`; calibrations are compared with the first one of
+        their camera.
+
+        Raises:
+            InputError: a message of boxes is damaged, or a video stream is not in the order of decoding.
+            UsageError: two topics have true positions of the same target, or positions in an unconnected frame.
+        """
         if message.topic in self._infos:
             self._compare(message)
             return
@@ -496,7 +567,10 @@ class Taking:
             state.reason = state.reason or str(error)
 
     def _compare(self, message: BagMessage) -> None:
-        """Note a calibration message that differs from the first one of its camera, which is used for all images."""
+        """Note a calibration message that differs from the first one of its camera.
+
+        The first is used for all images.
+        """
         with suppress(InputError):  # the first one was good
             content = self._messages.read(message.topic, message.data)
             first = self.found.infos[self._infos[message.topic]]
@@ -506,7 +580,12 @@ class Taking:
                 self._changed.setdefault(message.topic, []).append(what)
 
     def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
-        """World time of a message, from its header stamp or its recording time."""
+        """World time [ns] of a message: its header stamp or its recording time, corrected by the clock of the sensor.
+
+        The recording time is used if the plan says so, or if the first message of the topic has no stamp. Updates
+        `state` with the first time, and with the difference of both times. InputError for a later message without
+        stamp.
+        """
         if state.by_log is None:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
@@ -577,7 +656,11 @@ class Taking:
         self.frames[camera] = self.frames.get(camera, 0) + 1
 
     def _frame_of_truth(self, frame: str) -> FramePose:
-        """Pose of the frame of true positions in the world; UsageError if no transform connects them."""
+        """World-from-frame pose of the transform frame `frame` of true positions.
+
+        The identity if it is the world frame or empty, or if the bag has no world frame; UsageError if no transform
+        connects it to the world.
+        """
         tree, world = self.found.transforms, self._placement.world
         if world is None or frame in ("", world):
             return FramePose(np.eye(3), np.zeros(3))
@@ -587,7 +670,11 @@ class Taking:
             raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
 
     def write_videos(self, writer: RecordingWriter) -> None:
-        """Decode the collected video streams, and write their pictures sorted by time."""
+        """Decode the collected video streams, and write the selected pictures of all cameras sorted by time.
+
+        Raises:
+            InputError: a stream has no picture that can be decoded.
+        """
         with ExitStack() as stack:
             started = []
             for topic, stream in self._streams.items():
@@ -615,14 +702,14 @@ class Taking:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the files of video streams."""
+        """Close and delete the temporary files of video streams."""
         for stream in self._streams.values():
             stream.file.close()
         if self._folder is not None:
             self._folder.cleanup()
 
     def _video(self, topic: str, read: ImageMessage, t_ns: int) -> None:
-        """Collect a message of a video stream, of time `t_ns` [ns], in a file of the topic."""
+        """Append a message of a video stream, of time `t_ns` [ns], to the temporary file of its topic."""
         camera = self._cameras[topic]
         if topic not in self._streams:
             self._folder = self._folder or tempfile.TemporaryDirectory(prefix="occlog-video-")
@@ -631,7 +718,10 @@ class Taking:
         self._streams[topic].add(read.data, t_ns)
 
     def finish(self, note: Note) -> list[Loss]:
-        """Report which clock was used, and return the losses."""
+        """Note messages that were out of order and true positions that were skipped; return all losses of the bag.
+
+        Also sets `times`, which has by camera whether header stamps or recording times were used.
+        """
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
         if self._of_other_times and self.plan.frames:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
@@ -663,7 +753,7 @@ class Taking:
         return [*self.bag.losses, *losses, *self._video_losses]
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the messages, available after the last one."""
+        """Checks of message counts, header stamps and image sizes of boxes; available after the last message."""
         counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
         clocks = [check for topic, state in self._states.items() for check in self._topic_clocks(topic, state)]
         given = self.plan.image_size is not None
@@ -671,7 +761,11 @@ class Taking:
         return (*outcome(COUNTS, counts), *outcome(STAMPS, _by_recorder(clocks, len(self._states))), *extents)
 
     def _topic_clocks(self, topic: str, state: _CameraState) -> Iterator[Check]:
-        """Report if header stamps and recording times of a topic differ, or if header stamps are missing."""
+        """Yield findings on the clock of a topic.
+
+        They are: no header stamps, or stamps that jump, drift or differ from the recording times. Findings about the
+        recorder's own clock have the id `recorder-clock`.
+        """
         if state.by_log and self.plan.timestamp_source != "log":
             yield finding(STAMPS, "stamps-missing", topic=topic)
         sensors = [self._name(topic) or topic]
@@ -692,7 +786,15 @@ class Taking:
 
 
 def _by_recorder(checks: Sequence[Check], topics: int) -> Iterator[Check]:
-    """Findings of topics; a clock of the recorder is stated once, also if all topics drift from it alike."""
+    """Merge findings on clocks of topics that have the recorder's clock as their common cause.
+
+    If all topics drift from it by about the same rate, their findings are replaced by one on the recorder; of several
+    findings on the recorder only the first is kept.
+
+    Args:
+        checks: findings of all topics.
+        topics: number of topics.
+    """
     drifts = [check for check in checks if check.id == "clock-drift"]
     ppm = [check.figures["ppm"] for check in drifts]
     similar = topics > 1 and len(ppm) == topics and max(ppm) - min(ppm) < ALIKE * max(map(abs, ppm))
@@ -705,7 +807,7 @@ def _by_recorder(checks: Sequence[Check], topics: int) -> Iterator[Check]:
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
-    """Whether two calibrations are equal up to rounding."""
+    """Whether two camera_info calibrations are equal up to a relative difference of `ROUNDED`."""
     if (a.size, a.model, a.binning, a.roi) != (b.size, b.model, b.binning, b.roi):
         return False
     if a.distortion.shape != b.distortion.shape:
@@ -726,10 +828,20 @@ def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) 
 
 
 def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> None:
-    """Check options against the cameras and arrays of a bag; UsageError for options that it cannot use.
+    """Check options against the cameras and arrays of a bag.
 
-    Directions of an array missing from the scene are an error if their topic was given explicitly, else they are
+    Directions of an array that the scene lacks are an error if their topic was given explicitly; otherwise they are
     removed from `found`, with a note.
+
+    Args:
+        plan: options of the user.
+        found: selected topics; changed in place.
+        scene: has the arrays.
+        note: called with remarks for the user.
+
+    Raises:
+        UsageError: the options link to videos, give times for sensors of the bag, or give a camera of the bag a second
+            time.
     """
     arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
     for array, topic in list(found.map.directions.items()):

@@ -45,21 +45,22 @@ class _Border(NamedTuple):
 
     @property
     def scale(self) -> float:
+        """Factor from the stated to the found image size along this axis."""
         return self.found / self.stated
 
 
 class BoxExtents:
-    """Histogram of the farthest right and lower box edges, by pixel."""
+    """Histograms of the right and lower edges of boxes by pixel, for each camera, to detect a wrong image size."""
 
     def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Start without boxes; `sizes` are width and height [px] of the images of the cameras."""
+        """Start without boxes; `sizes` has width and height [px] of the images by camera."""
         self._sizes = sizes
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
         self._corners: dict[str, int] = {}  # boxes with a size that can be the right and lower edges
 
     def add(self, table: Boxes) -> None:
-        """Count the boxes of a table."""
+        """Add the right and lower edges of the boxes of a table to the histograms; frames without boxes are ignored."""
         size = np.column_stack([table.width_px, table.height_px])
         far = np.column_stack([table.left_px, table.top_px]) + size
         middle = far - 0.5 * size
@@ -78,20 +79,22 @@ class BoxExtents:
                 np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
     def checks(self, known: Collection[str], *, given: bool = False) -> tuple[Check, ...]:
-        """Check whether images have another size than stated.
+        """Outcome of the check whether images have another size than stated, by the boxes added so far.
 
         Args:
-            known: cameras with images of which the size is known by the images or by the file of boxes.
+            known: cameras with an image size that is known from images or box files, not only from the calibration.
             given: the user gives the size.
         """
         none = "" if any(name in self._sizes for name, _ in self._counts) else "no boxes of images of a stated size"
         return outcome(EXTENTS, self._found(known, given), unless=none)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
-        """Report another image size, if the edges of boxes of all cameras agree on it; else boxes beyond the images.
+        """Yield a finding on another image size if box edges of all cameras agree on it.
+
+        Otherwise, yield findings on boxes beyond the images, if any.
 
         Args:
-            known: names of cameras with a size of images, rather than of the calibration.
+            known: cameras with an image size that is known from images or box files, not only from the calibration.
             given: the user gives the size.
         """
         sized = [key for key in self._counts if key[0] in self._sizes]
@@ -114,9 +117,13 @@ class BoxExtents:
         yield finding(EXTENTS, "boxes-end-inside", found=found, stated=own, factor=factor, hint=remedy)
 
     def _beyond(self, sized: Sequence[tuple[str, int]]) -> Iterator[Check]:
-        """Report cameras with many boxes that extend beyond the stated image.
+        """Yield findings on cameras with many boxes that extend beyond the stated image.
 
-        `sized` are pairs of a camera and an axis, 0: columns, 1: rows.
+        If the sizes of nearly all these boxes could be right and lower edges, the finding says so: corners were written
+        instead of sizes.
+
+        Args:
+            sized: (camera, axis) pairs to examine; axis 0: columns, 1: rows.
         """
         shares: dict[str, float] = {}
         for name, axis in sized:
@@ -136,9 +143,9 @@ class BoxExtents:
         return int(np.flatnonzero(self._counts[name, axis])[-1])
 
     def _border(self, name: str, axis: int) -> _Border | None:
-        """Border of a camera along an axis (0: right, 1: lower) at which box edges pile up.
+        """Image border of a camera along an axis (0: right, 1: lower), if box edges pile up at the farthest pixel.
 
-        None if there is no pile.
+        None without a pile, or if its boxes are of one object that does not move.
         """
         count, last = self._counts[name, axis], self._farthest(name, axis)
         pile = int(count[last])

@@ -32,7 +32,7 @@ Note = Callable[[str], None]
 
 
 def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
-    """Read the box files to find their cameras, frames and classes, and note in one line what they hold.
+    """Read the box files of the plan to find their cameras, frames and classes, and note in one line what they hold.
 
     Args:
         plan: has the files and how they are read.
@@ -76,15 +76,16 @@ def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -
 
 
 def box_files(plan: IngestPlan) -> list[BoxFile]:
-    """All files and folders of boxes."""
+    """Files and folders of boxes in the plan, each with its camera (or None) and the number of frame 0 (or None)."""
     return [BoxFile(path, name, _first_number(plan, name, path)) for name, path in plan.boxes]
 
 
 def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | None:
-    """Number of frame 0 in a folder of boxes: that of the images, or 1 for files named after the frames of a video.
+    """Number that frame 0 has in the file names of a folder of boxes: the lowest of the images, or 1 for a video's.
 
-    None if it follows from the folder alone, or is given. `camera` is the one that the user names for the folder, if
-    any.
+    The latter holds for files named after the video (`walk_1.txt`), which Ultralytics counts from 1. None if the plan
+    states the number, `path` is a file, or the folder alone decides. `camera` is the one that the user names for the
+    folder.
     """
     if plan.first_number is not None or not path.is_dir() or is_annotations(Probe(path, "a folder of boxes")):
         return None
@@ -101,18 +102,24 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 
 
 def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
-    """Names of cameras that labels in tables can refer to: those with inputs, or without any those of the scene."""
+    """Names of the cameras to which names in box files can refer.
+
+    They are the cameras with videos, images or named box files; if there are none, all cameras of the scene.
+    """
     given = _named_cameras(plan)
     return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
 
 
 def _named_cameras(plan: IngestPlan) -> list[str]:
-    """Names of the cameras given with video, images or boxes."""
+    """Names of the cameras that the plan names for videos, images or boxes; they can repeat."""
     return [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
 
 
 def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
-    """Options for reading box files; `scene` has the sizes of images."""
+    """Options for reading the box files of the plan.
+
+    Cameras of `scene` give the image sizes, None: sizes are unknown.
+    """
     sizes = None if scene is None else {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     return BoxOptions(
         frames=plan.frames,
@@ -128,10 +135,10 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
-    """Options for reading true boxes: those of boxes, except for a first frame number that is stated for the truth.
+    """Options for reading true boxes: those of detector boxes, with the frame number that is stated for the truth.
 
-    All classes are kept unless the plan names some. A box of an unknown camera, without a size, or in the file twice is
-    an error.
+    All classes are kept unless the plan names some. A box of an unknown camera, without a size, or that is in the file
+    twice, is an error.
     """
     options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
@@ -149,17 +156,18 @@ def inside(
     *,
     given: bool = False,
 ) -> Iterator[B]:
-    """Generate the tables without boxes entirely outside the image or outside the valid field of the lens.
+    """Generate the tables without boxes entirely outside the image or outside the valid field of a fisheye lens.
 
-    Boxes that extend beyond the border are kept, since detectors complete truncated people; their number is noted.
+    A frame that loses all its boxes keeps a row without a box. Boxes that extend beyond the border are kept, since
+    detectors complete truncated people; their number is noted.
 
     Args:
         tables: boxes, of cameras of the scene.
         scene: has the cameras and image sizes.
-        losses: those of removed boxes are added, at the end.
+        losses: a loss for each camera with removed boxes is added at the end.
         note: called with remarks for the user.
-        found: the check of box edges is added, at the end.
-        known: names of cameras with a size of images, rather than of the calibration.
+        found: the check of the image size by box edges is added at the end.
+        known: cameras with an image size that is known from images or box files, not only from the calibration.
         given: the user gives the size.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
@@ -196,7 +204,7 @@ def inside(
 
 
 def beyond_lens(table: Boxes, scene: Scene) -> Bools:
-    """(N,) mask of the boxes of a table with the middle of an edge outside the valid field of a fisheye lens."""
+    """(N,) mask of boxes that have the middle of an edge outside the valid field of a fisheye lens (80 degrees)."""
     gone = np.zeros(len(table), dtype=np.bool_)
     right, bottom = table.left_px + table.width_px, table.top_px + table.height_px
     across, down = 0.5 * (table.left_px + right), 0.5 * (table.top_px + bottom)
@@ -208,15 +216,18 @@ def beyond_lens(table: Boxes, scene: Scene) -> Bools:
 
 
 def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
-    """Losses of boxes outside the valid field of the lens, out of `total` boxes; `counts` are theirs by camera."""
+    """Losses of boxes outside the valid field of a fisheye lens, one for each camera.
+
+    `counts` has the number of such boxes by camera, `total` is the number of all boxes.
+    """
     what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
     return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
 
 
 def without(table: B, gone: Bools) -> B:
-    """Return a table without the boxes of the mask `gone` (N,).
+    """Copy of a table without the boxes of the mask `gone` (N,), sorted by its key.
 
-    A frame without any other box keeps a row without detection.
+    A frame that loses all its boxes keeps one row with `box` -1.
     """
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))

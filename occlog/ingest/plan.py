@@ -33,9 +33,10 @@ RATE = "10"
 
 
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace a WILDTRACK folder in the options by the equivalent options for its parts.
+    """Copy of the options of `occlog ingest` with a WILDTRACK folder among the bags replaced by options for its parts.
 
-    Options given in addition have priority; with boxes, the images of the folder are skipped. `values` are unchanged.
+    Its calibrations, annotations and images become `calibration`, `truth` and `images`, at 10 frame numbers per second.
+    Options given by the user have priority; if boxes, images or videos are given, the images of the folder are skipped.
 
     Raises:
         UsageError: there are two such folders, or one without images, and there are no boxes.
@@ -71,7 +72,7 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_wildtrack(path: Path) -> bool:
-    """Whether a folder has the layout of WILDTRACK."""
+    """Whether a folder has the layout of the WILDTRACK data set: calibrations, and annotations or images."""
     return (path / CALIBRATION_FOLDER).is_dir() and any((path / part).is_dir() for part in (ANNOTATIONS, IMAGES))
 
 
@@ -82,10 +83,10 @@ _OFFSET = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|u
 
 
 def offsets_of(texts: Iterable[str]) -> dict[str, float]:
-    """Parse clock offsets [s] by sensor: `SENSOR=SECONDS`, or with a unit: `cam2=-0.4s`, `mic=250ms`.
+    """Parse clock offsets `SENSOR=SECONDS`, also with a unit (`cam2=-0.4s`, `mic=250ms`), into seconds by sensor.
 
     Raises:
-        UsageError: a text is no such pair, or a sensor is named twice.
+        UsageError: a text is no such pair, the offset exceeds `MAX_S`, or a sensor is named twice.
     """
     out: dict[str, float] = {}
     for text in texts:
@@ -106,10 +107,9 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
 
 
 def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
-    """Change the clocks of a scene so that offsets [s] are added to the times of sensors; drifts are unchanged.
+    """Copy of the scene in which the given offsets [s] are added to the times of sensors, by new clocks of their own.
 
-    Existing clocks stay, including those made for an earlier offset (`cam2-offset`): the new ones have names of their
-    own.
+    Existing clocks and their drifts stay; the new ones are named after the sensor (`cam2-offset`).
 
     Raises:
         UsageError: the scene lacks a sensor.
@@ -142,7 +142,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """Return the name, or the first of `name-2`, `name-3`, ... that is not taken."""
+    """The name itself, or the first of `NAME-2`, `NAME-3`, ... that is not among `taken`."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 
@@ -170,9 +170,9 @@ DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 @dataclass(frozen=True, kw_only=True)
 class IngestPlan(Settings):
-    """Inputs and settings of `occlog ingest`.
+    """Inputs and settings of `occlog ingest`, parsed from a request.
 
-    Pairs are (camera or array, value); the name is None if not given.
+    Values that can be for one sensor are pairs (name of the camera or array, value); the name is None if not given.
     """
 
     OWNER: ClassVar[str] = "ingest"
@@ -347,7 +347,11 @@ class IngestPlan(Settings):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> IngestPlan:
-        """Create the plan from the fields and settings of a request; UsageError for contradictions."""
+        """Create the plan from the values of a request by name of the field or setting, and check it.
+
+        Raises:
+            UsageError: values are invalid or contradict each other.
+        """
         values = expand_dataset(values)
         mot = _named("mot", values["mot"])
         own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
@@ -417,16 +421,16 @@ class IngestPlan(Settings):
             )
 
     def calibration_options(self) -> CalibrationOptions:
-        """Options that complete a calibration (unit, image size, lens model, mirrored axis)."""
+        """What the user gives to complete a calibration: length unit, image size, lens model, mirrored axis."""
         from occlog.io.formats.calibration.common import CalibrationOptions
 
         return CalibrationOptions(self.calibration_unit, self.image_size, self.lens_model, self.mirror)
 
     def check_names(self, cameras: Sequence[str]) -> None:
-        """UsageError for a start time, frame rate or frame range of a sensor that cannot have one.
+        """UsageError for a start time, frame rate or frame range of a sensor that is unknown or cannot have one.
 
         Args:
-            cameras: all that the recording has.
+            cameras: names of all cameras of the recording.
         """
         arrays = [name for name, _ in self.doa if name is not None]
         sources = [name for name, _ in self.positions if name is not None]
@@ -444,7 +448,10 @@ class IngestPlan(Settings):
                     )
 
     def files(self) -> list[tuple[Path, str]]:
-        """Inputs that must be files, with their descriptions."""
+        """(path, description for messages) of all inputs that are files.
+
+        Those of boxes and truth may also be folders.
+        """
         tables = {
             "boxes": "a table of boxes",
             "positions": "a table of positions",
@@ -461,21 +468,24 @@ class IngestPlan(Settings):
         return found + ([(self.scene, "a scene file")] if self.scene else [])
 
     def paths(self) -> list[Path]:
-        """All files and folders that are read, in a fixed order."""
+        """All files and folders that are read, in a fixed order, which decides on their order in the provenance."""
         return [*self.bags, *self.topics, *self.images.values(), *(path for path, _ in self.files()), *self.calibration]
 
     def inputs(self) -> list[Path]:
-        """All files that are read; a folder stands for the files in it."""
+        """All files that are read; folders are replaced by the files in them."""
         from occlog.io.files.provenance import files_in
 
         return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
 
     def folders(self) -> list[Path]:
-        """Inputs that may be folders as well as files."""
+        """Paths of boxes and truth, which may be folders as well as files."""
         return [path for _, path in (*self.boxes, *self.truth)]
 
     def parameters(self) -> dict[str, object]:
-        """Options that change the result, for provenance, without paths of folders."""
+        """Options that change the result, by name, as JSON-compatible values for provenance.
+
+        Of paths only the file names. Values that are None, empty or False are omitted.
+        """
         shown: dict[str, object] = {}
         for key, value in self.__dict__.items():
             if key == "output" or value in (None, (), {}, False):
@@ -499,14 +509,14 @@ def _plain(value: object) -> object:
 
 
 def is_name(text: str) -> bool:
-    """Whether a text can be a sensor name before `=`."""
+    """Whether a text before `=` can be a sensor name: 1 to 64 characters without spaces, commas, slashes and colons."""
     return _NAME.match(text) is not None
 
 
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
-    """Parse texts `NAME=VALUE` or `VALUE` (name None); `kind` converts the value.
+    """Parse texts `NAME=VALUE` or `VALUE` into (name, value); the name is None in the second case.
 
-    A text that is an existing file is a value even if it contains `=`.
+    `kind` converts the text of the value. A text that is an existing file is a value even if it contains `=`.
     """
     out: list[tuple[str | None, T]] = []
     for text in values:
@@ -519,9 +529,10 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers.
+    """Parse frame ranges `A:B` (all cameras) and `NAME=A:B` (one camera), or a list of the two numbers.
 
-    UsageError for anything else or a repeated camera.
+    Raises:
+        UsageError: a text is neither, or a camera is given twice.
     """
     common, own = None, {}
     texts = tuple(values)
@@ -544,9 +555,14 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
-    """Parse texts `NAME=PATH` to paths by name; UsageError for a missing or repeated name.
+    """Parse texts `NAME=PATH` into paths by name of the camera.
 
-    `setting` names the option in messages.
+    Args:
+        setting: name of the option, for messages.
+        values: texts.
+
+    Raises:
+        UsageError: a name is missing or repeated.
     """
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
@@ -561,9 +577,9 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """Value, of pairs of name and value, for a sensor: its own, or the one without a name.
+    """Value for the sensor `name` among pairs (name or None, value): its own, else the one for all (None).
 
-    The last one has priority; None without either.
+    The last one has priority if there are several; None without either.
     """
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]

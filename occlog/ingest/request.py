@@ -14,7 +14,10 @@ from .plan import IngestPlan, frames_of
 
 
 def _several(help_text: str, option: str, metavar: str) -> Any:
-    """Declare a repeatable option with values that may be for one sensor: `NAME=VALUE`; default: none."""
+    """Declare a repeatable option with values `NAME=VALUE` or `VALUE`, where NAME is a sensor; default: none.
+
+    `help_text`, `option` and `metavar` are its help, its spelling and the placeholder of its value.
+    """
     return setting((), help_text, option=option, metavar=metavar, repeat=True, whole=True, shown="")
 
 
@@ -136,13 +139,13 @@ class IngestRequest(Request):
 
     @property
     def plan(self) -> IngestPlan:
-        """Files and values by sensor; UsageError for contradictions."""
+        """The request as a plan: files and values by sensor; UsageError for invalid or contradictory values."""
         own = {name: value or () for name, value in vars(self).items() if name not in ("settings", *SINGLE)}
         return IngestPlan.of({**own, **{name: getattr(self, name) for name in SINGLE}, **self.settings})
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read; a folder stands for the files in it."""
+        """All files that are read; folders are replaced by the files in them."""
         return self.plan.inputs()
 
 

@@ -25,9 +25,9 @@ AUTO = "auto"
 
 
 def describe(calibration: CalibrationFile) -> str:
-    """One line: format, unit, handedness, camera centres [m], and the point where optical axes meet.
+    """One line on a calibration: format, unit, handedness, camera centres [m], and where the optical axes meet.
 
-    A point that is not in front of all cameras is omitted.
+    The text states if that point is not in front of all cameras; it is omitted for a single camera.
     """
     cameras = calibration.cameras
     centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
@@ -55,7 +55,10 @@ def describe(calibration: CalibrationFile) -> str:
 
 
 def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bool) -> tuple[Check, ...]:
-    """Checks of the world frame of calibrated cameras; without cameras, each states that it was not made.
+    """Outcomes of checks of the world of calibrated cameras: right-handed, upright, cameras above the ground.
+
+    Without cameras with poses each of them states that it could not be made. Also examined is whether other conventions
+    of the extrinsics fit better (inverted, transposed, other axes).
 
     Args:
         cameras: as they are in the scene, after the world was mirrored and turned.
@@ -95,7 +98,10 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
 
 
 def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
-    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open.
+    """Yield a finding if the world of cameras is not upright, or if `auto` cannot determine the vertical.
+
+    The vertical is estimated from the cameras' horizons, which leave it open if all cameras have about the same
+    direction.
 
     Args:
         rotations: (C, 3, 3) world-from-camera rotations.
@@ -125,13 +131,13 @@ much less it has to be with another meaning of the extrinsics, where nothing els
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
-    """Mean distance of optical axes from the point nearest to all, over the extent of the cameras' positions.
+    """Mean distance of the optical axes from the point nearest to all, divided by the extent of the cameras' positions.
 
     Infinite if that point is not in front of all cameras, or the extent is 0.
 
     Args:
-        places: (n, 3) positions.
-        axes: (n, 3) unit vectors.
+        places: (n, 3) camera centres in the world.
+        axes: (n, 3) unit vectors along the optical axes.
     """
     point, along = intersection_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
@@ -141,11 +147,13 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
 
 
 def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
-    """Report another convention of the extrinsics that makes all cameras upright, above ground, and view one place.
+    """Yield a finding if all cameras become upright, above ground and directed at one point by another convention.
+
+    Such conventions of the extrinsics are inverted or transposed poses and other axes; the best of them is reported.
 
     Args:
         cameras: as read.
-        limit: mean distance of the optical axes from that place, over the extent of the cameras, below which it fits.
+        limit: mean distance of the optical axes from that point, over the extent of the cameras, below which it fits.
     """
     found = [
         (_distance_from_axes(places, axes[:, :, 2]), change)
@@ -157,9 +165,10 @@ def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
 
 
 def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Report a convention of the extrinsics of single cameras in which they are upright and view what the others view.
+    """Yield a finding for each single camera that fits the others by another convention of its extrinsics.
 
-    Examined are the cameras below the ground, or, if there are none, those that are not upright.
+    It then is upright, above the ground, and directed at the point that the others view. Examined are cameras that are
+    not above the ground or, if there are none, those that are not upright; none if they are more than half of all.
     """
     odd = [c for c, camera in enumerate(cameras) if camera.position[2] <= HEIGHT_SLACK]
     odd = odd or [c for c, camera in enumerate(cameras) if not is_upright(camera.rotation[None])]
@@ -181,7 +190,11 @@ def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
 
 
 def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]:
-    """Other conventions of the extrinsics: description, rotations (n, 3, 3) and positions (n, 3) in each."""
+    """Yield the extrinsics of n cameras as they would be if the file had another convention.
+
+    Yields:
+        Description of the convention, (n, 3, 3) world-from-camera rotations, (n, 3) camera centres.
+    """
     from scipy.spatial.transform import Rotation
 
     rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
@@ -200,7 +213,7 @@ def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Report cameras that are not above the ground."""
+    """Yield a finding with the cameras that are at or below the ground z = 0, if there are any."""
     heights = {c.name: float(c.position[2]) for c in cameras}
     low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
     if low:

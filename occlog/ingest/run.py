@@ -64,7 +64,7 @@ from .truth import check_truth_consistency, note_first_frames, within_frames
 
 @dataclass
 class Ingested(IngestFailures):
-    """Files and counts written so far, losses and findings."""
+    """What an ingest has written so far: frames, rows and tags by name, times, losses, failures and checks."""
 
     frames: dict[str, int] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
@@ -75,9 +75,9 @@ class Ingested(IngestFailures):
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Ingest files as a recording; return the summary and the losses.
+    """Write the files of a request as one recording; return the summary for JSON, and the losses.
 
-    Findings made so far are printed before an InputError is raised.
+    If an InputError occurs, the findings made so far are printed before it is raised again.
     """
     plan, done = request.plan, Ingested()
     try:
@@ -89,9 +89,12 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
 
 
 def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, object], list[Loss]]:
-    """Write the recording; return the summary and the losses.
+    """Write the recording of a plan; return the summary for JSON, and the losses.
 
-    Counts, losses and findings are added to `done`.
+    Args:
+        plan: inputs and options.
+        job: has notes, progress and verdicts.
+        done: counts, losses and findings are added to it, so that they are known after an error.
     """
     note = job.note
     for path, what in plan.files():
@@ -148,7 +151,7 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
 
 
 class _OpenBag(NamedTuple):
-    """A bag in an ingest: its files, their survey, and the cameras with poses."""
+    """An open bag in an ingest: its files, the survey of its topics, and the cameras with poses."""
 
     bag: Bag
     found: BagSurvey
@@ -156,9 +159,16 @@ class _OpenBag(NamedTuple):
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
-    """Open the bag, until `stack` closes, and select its topics; None if there is no bag.
+    """Open the bags of the plan as one, select topics, and find poses of cameras; None if the plan has no bag.
 
-    InputError for a recording of occlog.
+    Args:
+        plan: inputs and options.
+        scene: from the scene file and calibration.
+        stack: closes the bag.
+        note: called with remarks for the user.
+
+    Raises:
+        InputError: a bag is a recording of occlog, or has nothing that can be used.
     """
     if not plan.bags:
         return None
@@ -190,13 +200,13 @@ def _write_bag(
     """Write images and rows of a bag to the recording, in one pass.
 
     Args:
-        bag: its topics and the poses of its cameras.
+        bag: open bag, its topics and the poses of its cameras.
         plan: inputs and options.
         scene: has sensors and clocks.
         turn: transform to the levelled world; None: the world is upright.
         writer: of the recording.
-        done: what was written so far; counts, losses and findings are added.
-        job: shows the progress, and has the messages.
+        done: counts, losses and findings are added to it.
+        job: shows progress and notes.
     """
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
     with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:
@@ -255,9 +265,12 @@ def _all_times(
 def _write_frames(
     plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, job: Job
 ) -> None:
-    """Write the frames of all cameras sorted by time; counts and failures are added to `done`.
+    """Write the frames of all cameras to the recording, sorted by time; links to videos if the plan stores only times.
 
-    A camera that fails is a loss, unless all fail (InputError).
+    Counts and failures are added to `done`. A camera that fails is a loss.
+
+    Raises:
+        InputError: all cameras fail.
     """
     streams = [_guarded(source, done) for source in sources]
     total = sum(s.decoder.frames or 0 for s in sources) or None
@@ -297,7 +310,7 @@ def _write_tables(
     done: Ingested,
     note: Callable[[str], None],
 ) -> None:
-    """Write rows of boxes, directions and truth; losses, counts and findings are added to `done`.
+    """Write rows of boxes, directions and truth to the recording; losses, counts and findings are added to `done`.
 
     Args:
         plan: options of the user.
@@ -306,7 +319,7 @@ def _write_tables(
         survey: of the box files; None: there are none.
         times: frame times by camera.
         writer: of the recording.
-        done: updated.
+        done: what was written so far.
         note: called with remarks for the user.
     """
     tables: list[Iterator[ColumnTable]] = []
@@ -397,7 +410,7 @@ def _write_positions(
 
 
 def _positions_in_words(path: Path, log: PositionLog) -> str:
-    """Describe in one line what was read from a position file."""
+    """Describe in one line the rows of a position file: counts, sources, extent, frame step and stated errors."""
     table = log.table
     there = table.detection >= 0
     x, y = table.x[there], table.y[there]
@@ -470,9 +483,9 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
 def _truth(
     path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None, length_unit: str
 ) -> Iterator[Truth | TruthBoxes]:
-    """Generate tables of the truth, in the levelled world of the cameras.
+    """Generate tables of true positions and boxes from a file, positions in the levelled world of the cameras.
 
-    Without cameras, a frame rate given for all converts its frame numbers.
+    If no frame times are known, a frame rate given for all cameras converts frame numbers to times.
 
     Args:
         path: file of the truth.
@@ -498,9 +511,16 @@ def _truth(
 def _split_tables(
     tables: Iterator[Truth | TruthBoxes], path: Path, known: dict[int | str, list[tuple[Path, TimeSpanNs]]]
 ) -> Iterator[Truth | TruthBoxes]:
-    """Generate the tables of a file; InputError for a target or camera that an earlier file has at the same times.
+    """Generate the tables of a truth file unchanged, and check that it does not overlap with earlier files.
 
-    `known`: files of each target (number) and of each camera with boxes, with their times.
+    Args:
+        tables: of the file.
+        path: the file.
+        known: files and time spans of each target (number) and each camera with true boxes (name); this file's are
+            added.
+
+    Raises:
+        InputError: an earlier file has the same target, or boxes of the same camera, at the same times.
     """
     spans: dict[int | str, TimeSpanNs] = {}
     for table in tables:
@@ -520,7 +540,7 @@ def _split_tables(
 
 
 def _twice(key: int | str, other: Path) -> str:
-    """Message that the file `other` has the same target (int), or boxes of the same camera (str), at the same times."""
+    """Text for an error: the file `other` has the target `key` (int), or boxes of the camera `key` (str), too."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; give one of them, or join them"
     return (

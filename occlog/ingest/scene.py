@@ -37,17 +37,23 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 class Turn(NamedTuple):
-    """Transform that levels a calibration's world, p -> R p - (0, 0, ground), after reflection if left-handed."""
+    """Transform that levels a calibration's world: p -> R p - (0, 0, ground).
+
+    The ground then is at z = 0. R has a reflection (determinant -1) if the calibration's world is left-handed.
+    """
 
     rotation: Floats  # (3, 3), of determinant -1 with a reflection
     ground: float  # height of the ground after the rotation
 
     def positions(self, xyz: Floats) -> Floats:
-        """Return positions `xyz` (N, 3) of the calibration's world in the levelled world."""
+        """(N, 3) positions in the levelled world of positions `xyz` (N, 3) in the calibration's world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
     def camera(self, camera: Camera) -> Camera:
-        """The camera in the levelled world."""
+        """Copy of a camera in the levelled world: position, rotation and field of view.
+
+        A height of 0 up to rounding becomes exactly 0, which means unknown.
+        """
         # A camera of a left-handed world has behind it what it sees: its axes are turned round
         rotation = np.sign(np.linalg.det(self.rotation)) * self.rotation @ camera.rotation
         fov = camera.fov
@@ -67,9 +73,12 @@ class Turn(NamedTuple):
         return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
-        """True positions in the levelled world, as a new table.
+        """Copy of true positions in the levelled world; unknown heights stay NaN.
 
-        InputError if a position without height would have to be tilted; `path` is its file, for the message.
+        `path` is their file, for the message.
+
+        Raises:
+            InputError: heights are missing, and the rotation is not about the vertical alone, so that they are needed.
         """
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
@@ -83,7 +92,7 @@ class Turn(NamedTuple):
         return Truth(**(columns | {"x": x.copy(), "y": y.copy(), "z": z.copy()}))
 
     def parameters(self) -> dict[str, object]:
-        """Parameters of the transform, for provenance."""
+        """Rotation matrix and ground height for the provenance of the recording."""
         return {"turned_by": self.rotation.tolist(), "ground": self.ground}
 
 
@@ -98,13 +107,14 @@ def find_turn(
 
     Args:
         cameras: as calibrated.
-        up: `auto`, an axis with its sign, three numbers, or None: it stays.
-        ground: height of the ground along up, in the calibration's world; None: 0.
-        note: receives notes on changes.
-        mirror: axis `x`, `y` or `z` that changes its sign, of a left-handed world.
+        up: vertical of the calibration's world: `auto` (by the horizons of the cameras), a signed axis, three numbers,
+            or None: z.
+        ground: height of the ground along `up`, in the calibration's world; None: 0.
+        note: called with remarks on the change.
+        mirror: axis `x`, `y` or `z` to negate, of a left-handed world; None: right-handed.
 
     Raises:
-        UsageError: `up` is nothing of that.
+        UsageError: `up` is none of these.
     """
     if mirror is not None:
         axes = mirror_matrix(mirror)
@@ -125,7 +135,11 @@ def find_turn(
 
 
 def read_up(text: str) -> Floats:
-    """Parse the up direction (3,): an axis with its sign, or three numbers; UsageError for anything else."""
+    """Parse the direction `up` into a vector (3,), not normalised: an axis with its sign (`-y`), or X,Y,Z.
+
+    Raises:
+        UsageError: the text is neither, or the vector is 0.
+    """
     sign, axis = (-1.0, text[1:]) if text.startswith("-") else (1.0, text.removeprefix("+"))
     if axis in AXES:
         return sign * np.array(AXES[axis])
@@ -157,16 +171,17 @@ class Sized(NamedTuple):
 def with_stated_sizes(
     frames: Mapping[str, Sized], survey: BoxSurvey | None, scene: Scene, given: tuple[int, int] | None
 ) -> dict[str, Sized]:
-    """Frame sizes by camera: those of images, else those that box files state, else the size that is given.
+    """Frame sizes by camera: those of images, else those that box files state, else the size that the user gives.
 
     Args:
         frames: sizes of images, by camera.
         survey: of the box files; None: there are none.
-        scene: scene with the cameras.
-        given: width and height that the user gives; None: not given.
+        scene: has the cameras.
+        given: width and height that the user gives [px]; None: not given.
 
     Raises:
-        InputError: a file states another size than the frames have, or the given one is that of neither.
+        InputError: boxes are of images of another size than the frames, or the given size is that of neither the frames
+            nor the calibration.
     """
     stated = {} if survey is None else survey.sizes
     for name, size in stated.items():
@@ -193,7 +208,10 @@ def with_stated_sizes(
 
 
 def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], None]) -> Scene:
-    """The scene with cameras adapted to the sizes of their frames."""
+    """Copy of the scene with calibrations adapted to the frame sizes; `frames` has them by camera.
+
+    `note` is called with the assumptions made. InputError if frames have another aspect ratio than the calibration.
+    """
     cameras = tuple(
         fit_size(c, frames[c.name].size, frames[c.name].bars, note) if c.name in frames else c for c in scene.cameras
     )
@@ -201,20 +219,20 @@ def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], N
 
 
 def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[str], None]) -> Camera:
-    """Adapt a camera to frames of another size than that of its calibration.
+    """Adapt a camera's intrinsics to frames of another size than that of its calibration, and return the new camera.
 
-    * Black bars that are as wide as a change of scale makes them: scaled and centred.
-    * Up to 16 px less or more: cut or padded at the right and lower edge, pixels keep their position.
-    * The same shape: scaled.
+    Frames with black bars as wide as a change of scale makes them: scaled and centred. Frames up to 16 px smaller or
+    larger: cut or padded at the right and lower edge, so that pixels keep their position. Frames of the same aspect
+    ratio: scaled.
 
     Args:
-        camera: as calibrated.
+        camera: as calibrated; one without image size or pose only gets the size.
         size: width and height of the frames [px].
         bars: width of black bars at the left, top, right and lower edge of the frames [px].
-        note: receives notes on assumptions.
+        note: called with the assumption made.
 
     Raises:
-        InputError: the frames have another shape.
+        InputError: the frames have another aspect ratio.
     """
     if camera.image_size is None or camera.image_size == size or not camera.placed:
         return replace(camera, image_size=size)
@@ -238,7 +256,10 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
-    """Whether the black bars (left, top, right, bottom) are as wide as the margins (x, y) on both sides."""
+    """Whether black bars (left, top, right, bottom) [px] are about as wide as the margins (x, y) [px] on both sides.
+
+    Margins below `MIN_BAR_PX` are not compared.
+    """
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
     there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
@@ -258,7 +279,7 @@ Note = Callable[[str], None]
 
 
 class IngestScene(NamedTuple):
-    """A scene, the transform of its calibration's world, and the checks of the calibration."""
+    """A scene, the transform that levelled its calibration's world (None: unchanged), and checks of the calibration."""
 
     scene: Scene
     turn: Turn | None
@@ -268,15 +289,18 @@ class IngestScene(NamedTuple):
 def add_bag_cameras(
     scene: Scene, cameras: tuple[Camera, ...], world: str | None, found: Sequence[Check], plan: IngestPlan, note: Note
 ) -> IngestScene:
-    """Add the cameras of a bag to the scene; also return the transform to the levelled world, and checks.
+    """Add the cameras of a bag to the scene, after the world is levelled; also return that transform, and checks.
 
     Args:
         scene: without them.
         cameras: of the bag; empty: the scene is unchanged.
         world: name of their world frame.
-        found: checks of their calibration.
+        found: findings of their calibration.
         plan: options of the user.
         note: called with remarks for the user.
+
+    Raises:
+        InputError: lengths of the scene are not in metres.
     """
     if not cameras:
         return IngestScene(scene, None, world_checks((), None, ground_stated=False))
@@ -295,10 +319,14 @@ def add_bag_cameras(
 
 
 def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
-    """Scene from the scene file, the calibration and the tables of arrays, before cameras are matched.
+    """Scene from the scene file, the calibration and the tables of arrays and readers, with the calibration levelled.
 
-    Also returns the transform of the calibration's world, and checks. The scene file and the arrays are in the levelled
-    world. `note` is called with remarks for the user.
+    Scene file and tables are in the levelled world already. Also returned are the transform of the calibration's world,
+    and checks of it. `note` is called with remarks for the user.
+
+    Raises:
+        InputError: inputs are in different length units.
+        UsageError: a sensor is in two of the inputs.
     """
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
@@ -334,9 +362,9 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:
-    """InputError for a table in metres with a scene in another unit.
+    """InputError if a table of the plan is in metres, and the scene's `unit` of length is another.
 
-    Tables of arrays are in metres, others if their column names end in `_m`.
+    Tables of arrays are always in metres, those of truth and readers if their column names end in `_m`.
     """
     if unit == "m":
         return
@@ -351,7 +379,7 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
 
 
 def _says_metres(path: Path) -> bool:
-    """Whether a table has column names of lengths in metres."""
+    """Whether the first line of a table has a column `x_m`, `y_m`, `z_m` or `range_m`; False if it cannot be read."""
     try:
         names = {cell.lower() for cell in first_line(path, "a table")}
     except InputError:  # whoever reads it states it
@@ -377,16 +405,19 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
 
 
 def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
-    """Return the scene with the cameras that have data, renamed as the user gives.
+    """Copy of the scene with the cameras that have data, named as the user names them.
 
-    Calibrated cameras without data are skipped, those of a scene file are kept. InputError for a camera without
-    calibration, unless the plan allows it.
+    Calibrations are matched by similar names. Calibrated cameras without data are removed, except those of a scene
+    file.
 
     Args:
         scene: with the calibrated cameras.
         wanted: names of cameras with data.
         plan: options of the user.
         reasons: why cameras of a bag have no pose, by name.
+
+    Raises:
+        InputError: a camera has no calibration, and the plan does not allow it.
     """
     kept = {c.name: c for c in scene.cameras}
     # An entry with the exact name of another camera is of that one
@@ -424,7 +455,7 @@ def _find(name: str, names: Sequence[str]) -> str | None:
 
 
 def _unplaced(name: str, plan: IngestPlan) -> Camera:
-    """Return a camera without any calibration; its focal length is a placeholder."""
+    """A camera without calibration (`placed` False); position, rotation and focal length are placeholders."""
     width = float(plan.image_size[0]) if plan.image_size else 1000.0
     return Camera(
         name=safe_name(name),

@@ -37,7 +37,7 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 @dataclass
 class IngestFailures:
-    """Losses of an ingest, and the errors of cameras that could not be used at all."""
+    """Losses of an ingest (`losses`), and the errors of cameras that could not be used at all (`failures`)."""
 
     losses: list[Loss] = field(default_factory=list)
     failures: list[InputError] = field(default_factory=list)
@@ -50,9 +50,12 @@ def start_of(plan: IngestPlan, name: str) -> int:
 
 
 def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
-    """Times of each camera that has a time stamp file, with the file's name.
+    """Read the time stamp files (sidecars) of the plan: by camera its frame times [ns] and the name of the file.
 
-    UsageError for a camera that is not in `cameras`, or has times in two files.
+    A file given without a camera can be of any of `cameras` (names).
+
+    Raises:
+        UsageError: a file is for an unknown camera, or a camera has times in two files.
     """
     out: Sidecars = {}
     for name, path in plan.timestamps:
@@ -73,9 +76,12 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
 
 
 def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | None:
-    """Times of the frames of camera `name` from its time stamp file or a given frame rate; None without either.
+    """Frame times of the camera `name` from its time stamp file in `sidecars`, or a given frame rate.
 
-    UsageError for a camera with both.
+    None without either.
+
+    Raises:
+        UsageError: the camera has both.
     """
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
@@ -88,7 +94,7 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
 
 
 def clock_of(scene: Scene, name: str) -> Clock | None:
-    """The clock of a sensor in the scene; None if it runs by world time."""
+    """Clock model of the sensor `name` in the scene; None if the sensor is unknown or runs by world time."""
     named = {s.name: s.clock for s in scene.sensors}.get(name)
     return next((clock for clock in scene.clocks if clock.name == named), None)
 
@@ -96,14 +102,14 @@ def clock_of(scene: Scene, name: str) -> Clock | None:
 def open_sources(
     plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: IngestFailures
 ) -> list[CameraSource]:
-    """Open the cameras with images and start their decoders; a camera that cannot be opened is a loss.
+    """Open videos and image folders of the plan and start their decoders; a camera that cannot be opened is a loss.
 
     Args:
-        plan: the options.
-        scene: the scene with the clocks of the cameras.
-        cameras: every camera of the recording.
+        plan: inputs and options.
+        scene: has the clocks of the cameras.
+        cameras: names of all cameras of the recording.
         stack: ends the decoders.
-        done: errors of the cameras that cannot be opened are added here.
+        done: losses and errors of cameras that cannot be opened are added.
     """
     sidecars = read_sidecars(plan, cameras)
     started = [*_videos(plan, scene, sidecars), *_folders(plan, scene, sidecars)]
@@ -155,7 +161,7 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
 
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:
-    """Time [ns] of every synchronisation index; None if no time stamp file has them."""
+    """World time [ns] of each synchronisation index (`sync_index`) in a time stamp file; None if no file has them."""
     from occlog.io.files.texts.csv_rows import first_line
 
     for name, path in plan.timestamps:
@@ -169,14 +175,15 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 def duplicates(path: Path, count: int, what: str) -> Check:
-    """Finding that `count` exact duplicate rows of a file, called `what`, were skipped."""
+    """Finding that `count` exact duplicate rows of a file were skipped; `what` is the noun for a row, as `read`."""
     return finding(DUPLICATES, "rows-duplicated", file=path.name, what=counted(count, what))
 
 
 class Copies:
-    """Removes duplicate rows from the logs of a recording (tables with a column `sensor`), and counts them.
+    """Removes duplicate rows from logs of one kind (tables with a column `sensor`), and counts them.
 
-    For several logs 8 bytes per row are kept; for one log only the rows of the last time.
+    Rows are compared by hashes of 8 bytes. Those of all rows are kept for several logs; for one log only those of the
+    last time.
     """
 
     def __init__(self, *, several: bool) -> None:
@@ -187,7 +194,11 @@ class Copies:
     def once(self, tables: Iterable[T], path: Path, found: list[Check], what: str) -> Iterator[T]:
         """Generate the tables of a log without rows that are exact copies of earlier ones, of this log or of another.
 
-        If there were any, a finding that calls a row `what` is added to `found` at the end.
+        Args:
+            tables: parts of the log, in the order of time.
+            path: the log, for the finding.
+            found: if rows were removed, a finding is added to it at the end.
+            what: noun for a row in the finding, as `read`.
         """
         here: dict[str, list[Uints]] = {}
         copies = 0
@@ -212,7 +223,10 @@ class Copies:
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:
-    """(n,) mask of marks (row hashes) that occur for the first time, neither earlier in `marks` nor in `before`."""
+    """(n,) mask of row hashes `marks` (n,) that occur for the first time.
+
+    They occur neither earlier in `marks` nor in the arrays `before`.
+    """
     out = np.zeros(len(marks), dtype=np.bool_)
     out[np.unique(marks, return_index=True)[1]] = True
     for known in before:

@@ -40,17 +40,19 @@ def source_checks(
     survey: BoxSurvey | None,
     times: Mapping[str, FrameTimes],
 ) -> tuple[Check, ...]:
-    """Checks of the videos and images of cameras, of boxes of the same frames, and of the times of cameras' frames.
+    """Checks of what files state about their pictures, boxes and times against each other.
+
+    They are: metadata of pictures, starts of videos, units of time stamp files, clocks of cameras by frame numbers, and
+    the ends and numbering of boxes.
 
     Args:
         plan: inputs and options.
         sources: cameras with a video or images.
         survey: of the box files; None: there are none.
-        times: of the frames, by camera.
+        times: frame times by camera.
 
     Returns:
-        The checks, with findings: properties of pictures, starts of videos, units of time stamp files, clocks, ends of
-        boxes.
+        Findings, or for each check without any its outcome.
     """
     stamped = {} if plan.frames else _stamped(sources, survey, times)
     no_times = "no two cameras have times of frames"
@@ -69,16 +71,16 @@ def source_checks(
 
 
 def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Findings of the decoders about the files' pictures."""
+    """Yield a finding for each peculiarity of pictures that the decoders of the cameras report."""
     for source in sources:
         for id, values in source.decoder.facts:
             yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report videos with a first time stamp other than 0.
+    """Yield a finding for each video with a first time stamp of at least `MIN_START_S` from 0.
 
-    Nothing is reported if all videos have the same one, nor for a camera with time stamps or a start time in `plan`.
+    Not if all videos start at about the same time, nor for a camera with time stamps or a start time in `plan`.
     """
     given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
     starts = {
@@ -93,7 +95,7 @@ def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check
 
 
 def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report time stamps with a duration that differs from the video's by the factor of another time unit."""
+    """Yield a finding for each time stamp file with a duration that differs from the video's by a factor of units."""
     for source in sources:
         table, rate, frames = source.times.table_ns, source.decoder.rate_hz, source.decoder.frames
         if table is None or len(table) < 2 or not rate or not frames or not source.times.source.startswith("sidecar"):
@@ -104,7 +106,10 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
 
 
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:
-    """Report cameras with frame numbers that restart, as in two joined files."""
+    """Yield a finding for each camera with frame numbers of boxes that restart.
+
+    The cause is a counter that overflows at a power of two, or files that were joined.
+    """
     for name, (line, before, after) in survey.restarts.items():
         if bits := counter_bits(before, after):
             yield finding(
@@ -122,7 +127,9 @@ def _restarts(survey: BoxSurvey) -> Iterator[Check]:
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
-    """Report cameras with boxes that end long before their pictures, as if frames had been skipped or renumbered.
+    """Yield a finding for each camera with boxes that end long before its pictures, as if frames had been skipped.
+
+    The last boxes are missing from more than `MAX_BOXLESS_SHARE` of the frames.
 
     Args:
         plan: nothing is reported if it selects frames.
@@ -139,7 +146,7 @@ def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey |
 
 
 class StampedFrames(NamedTuple):
-    """Times of the numbered frames of a camera.
+    """Times of the consecutively numbered frames of a camera.
 
     Attributes:
         first: number of the first frame.
@@ -153,14 +160,17 @@ class StampedFrames(NamedTuple):
 
     @property
     def stop(self) -> int:
-        """Number after that of the last frame."""
+        """Number of the last frame plus 1."""
         return self.first + len(self.t_ns)
 
 
 def _stamped(
     sources: Sequence[CameraSource], survey: BoxSurvey | None, times: Mapping[str, FrameTimes]
 ) -> dict[str, StampedFrames]:
-    """Times of the frames of each camera that has one for every frame."""
+    """Frame numbers and times of each camera that has individual time stamps for more than `MIN_BLOCKS` frames.
+
+    Numbers are those of the images or, without any, of the boxes. `times` has the frame times by camera.
+    """
     ranges = {} if survey is None else {name: (each.start, each.stop, True) for name, each in survey.ranges.items()}
     ranges |= {source.name: (0, source.decoder.frames or 0, False) for source in sources}
     found = {}
@@ -172,7 +182,10 @@ def _stamped(
 
 
 def clock_faults(stamped: Mapping[str, StampedFrames]) -> Iterator[Check]:
-    """Report cameras with a clock that was set or drifts, by the times of frames of equal numbers of other cameras."""
+    """Yield findings on cameras with a clock that jumps, drifts or is offset against those of the other cameras.
+
+    The times of frames of equal numbers are compared pairwise; a camera is reported if it differs from most others.
+    """
     drifts: dict[str, list[tuple[str, float]]] = {}
     offset: set[str] = set()
     for name, own in stamped.items():
@@ -200,19 +213,26 @@ def clock_faults(stamped: Mapping[str, StampedFrames]) -> Iterator[Check]:
 
 
 def _ends_alike(own: StampedFrames, other: StampedFrames) -> bool:
-    """Whether the last frames of two cameras have the same number, about."""
+    """Whether the last frames of two cameras have the same number, to within `MAX_LATER_FRAMES`."""
     return abs(own.stop - other.stop) <= MAX_LATER_FRAMES
 
 
 def _begins_later(own: StampedFrames, other: StampedFrames) -> float:
-    """Time from the first frame of a camera to that of another with as many frames [s]; 0: they have no common time."""
+    """How much later the first frame of a camera is than that of another [s].
+
+    0 if their last frames have different numbers, or they have no common time.
+    """
     if not _ends_alike(own, other) or own.t_ns[0] > other.t_ns[-1] or other.t_ns[0] > own.t_ns[-1]:
         return 0.0
     return float(own.t_ns[0] - other.t_ns[0]) / NS
 
 
 def _change(own: StampedFrames, other: StampedFrames) -> ClockChange:
-    """Change of the clock of a camera relative to that of another one, by frames of the same numbers."""
+    """Jump and drift of the clock of the camera `own` relative to that of `other`, by frames of the same numbers.
+
+    Zero where they are less than `MIN_OFF_FRAMES` frame intervals, where the drift is the ratio of NTSC frame rates, or
+    where too few numbers are common.
+    """
     first = max(own.first, other.first)
     count = min(own.stop, other.stop) - first
     similar = _ends_alike(own, other)

@@ -54,12 +54,12 @@ class TimeSpanNs:
 
 @dataclass
 class EventTimes(TimeSpanNs):
-    """Time range of rows or frames.
+    """Time range, number and largest interval of the times of rows or frames that are added in order.
 
     Attributes:
         count: number of different times.
-        longest: largest interval [ns].
-        before: time before it.
+        longest: largest interval between successive times [ns].
+        before: time before the largest interval [ns].
     """
 
     count: int = 0
@@ -67,7 +67,7 @@ class EventTimes(TimeSpanNs):
     before: int = 0
 
     def add(self, t_ns: Ints) -> None:
-        """Add increasing times; the first may equal the last one added before."""
+        """Add sorted times (n,) [ns], n > 0; the first may equal the last one that was added before."""
         whole = t_ns if not self.count else np.concatenate([[self.last], t_ns])
         if len(whole) > 1:
             k = int(np.argmax(np.diff(whole)))
@@ -78,21 +78,23 @@ class EventTimes(TimeSpanNs):
 
     @property
     def rate_hz(self) -> float:
-        """Number of times per second, excluding the longest interval."""
+        """Mean number of times per second [Hz], with the longest interval left out."""
         return (self.count - 2) * NS / max(self.last - self.first - self.longest, 1)
 
 
 @dataclass
 class Times:
-    """Times of all data in a recording.
+    """Times of all data written to a recording, by sensor, for checks of clocks and rates.
 
     Attributes:
-        frames: of each camera.
-        rows: of boxes, positions and directions of each sensor.
-        rates: sensors with rows of each of their frames.
-        true: of the truth.
-        true_rate_hz: times per second of the true target with the most rows of one table, as median.
-        pictures, boxes: frames of cameras that repeat.
+        frames: times of the frames of each camera.
+        rows: times of the rows of boxes, positions and directions of each sensor.
+        rates: sensors with rows for each of their frames, so that rows give the frame rate.
+        true: time span of the truth.
+        true_rate_hz: rate of true positions [Hz]: median rate of the target with most rows in a table, maximum over
+            tables.
+        pictures: repeated images of cameras.
+        boxes: repeated boxes of cameras.
     """
 
     frames: dict[str, EventTimes] = field(default_factory=dict)
@@ -104,7 +106,10 @@ class Times:
     boxes: FrozenCameras = field(default_factory=FrozenCameras)
 
     def table(self, table: ColumnTable) -> None:
-        """Add the times of a table's rows."""
+        """Add the times of a table's rows; repeated boxes of a camera are noted, too.
+
+        Tables other than truth, boxes, directions and positions are ignored.
+        """
         if not len(table):
             return
         t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
@@ -121,7 +126,7 @@ class Times:
                 self.boxes.add_boxes(table)
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the times of all sensors and of the truth, with their findings."""
+        """Checks of the added times: sensor clocks, frame intervals, truth times, frame rates and repeated frames."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
@@ -139,7 +144,10 @@ class Times:
         )
 
     def _rates(self) -> Iterator[Check]:
-        """Report sensors with a frame rate that is implausible, so that their time unit may be wrong."""
+        """Yield a finding for each sensor with an implausible frame rate, which suggests a wrong time unit.
+
+        Also for the truth.
+        """
         for name, own in sorted({**{n: self.rows[n] for n in self.rates}, **self.frames}.items()):
             if own.count >= FEWEST and not MIN_RATE_HZ <= own.rate_hz <= MAX_RATE_HZ:
                 rate_hz, least, most = own.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ
@@ -148,7 +156,7 @@ class Times:
             yield finding(RATES, "truth-rate-implausible", rate_hz=self.true_rate_hz, most=MAX_TRUE_RATE_HZ)
 
     def _frozen(self) -> Iterator[Check]:
-        """Report cameras that repeat one frame."""
+        """Yield a finding for each run of frames in which a camera repeats one image or the same boxes."""
         for run in (*self.pictures.found(), *self.boxes.found()):
             yield finding(
                 FROZEN,
@@ -160,7 +168,11 @@ class Times:
             )
 
     def _jumps(self) -> Iterator[Check]:
-        """Report cameras with one interval longer than all others together."""
+        """Yield findings on jumps of clocks.
+
+        A camera's clock jumps if one interval is longer than half of its whole duration, and than 60 s. The clock of a
+        sensor without frames was set forward if it ends later than all others by about its longest interval.
+        """
         for name, times in sorted(self.frames.items()):
             if times.count >= FEWEST and times.longest > max(JUMP * (times.last - times.first), JUMP_NS):
                 yield finding(
@@ -180,7 +192,7 @@ class Times:
                 yield finding(FRAMES, "clock-jump", "warning", sensors=[name], jump_s=jump_s, time=time, cause="")
 
     def _of_truth(self) -> Iterator[Check]:
-        """Report a truth that has no time in common with the measurements."""
+        """Yield a finding if the truth has no time in common with any measurement."""
         measured = TimeSpanNs()
         for own in (*self.frames.values(), *self.rows.values()):
             measured.take(own.first, own.last)
@@ -190,9 +202,11 @@ class Times:
 
 
 def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
-    """Median rate [Hz] of the target with the most rows; 0 if it has fewer than `FEWEST`.
+    """Median rate [Hz] of rows of the target with the most rows; 0 if it has fewer than `FEWEST`.
 
-    `t_ns` (N,) are the times [ns] of rows of the targets `target_id` (N,); below 0: none.
+    Args:
+        t_ns: (N,) times of rows [ns].
+        target_id: (N,) targets of the rows; those below 0 are ignored.
     """
     targets, counts = np.unique(target_id[target_id >= 0], return_counts=True)
     if not len(targets) or counts.max() < FEWEST:
@@ -202,29 +216,41 @@ def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
 
 
 class TimedWriter(RecordingWriter):
-    """Writes a recording, and collects the times of its rows for the checks."""
+    """Writer of a recording that also adds the times of frames and rows to `times`, which must be set before use."""
 
     times: Times
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image."""
+        """Write a compressed image, and note its time and content.
+
+        Args:
+            sensor: name of the camera.
+            t_ns: time [ns since the Unix epoch].
+            index: number of the frame, from 0.
+            data: the compressed image.
+            kind: its format, as `jpeg`.
+        """
         self.times.frames.setdefault(sensor, EventTimes()).add(np.array([t_ns]))
         self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video."""
+        """Write and note the time `t_ns` [ns] of the frame `index` (from 0) of the linked video of a camera."""
         self.times.frames.setdefault(sensor, EventTimes()).add(np.array([t_ns]))
         super().video_frame(sensor, t_ns, index)
 
     def table(self, table: ColumnTable) -> None:
-        """Add the rows of a table, and their times to the statistics."""
+        """Write the rows of a table, and note their times."""
         self.times.table(table)
         super().table(table)
 
 
 def _units(times: Mapping[str, EventTimes]) -> Iterator[Check]:
-    """Report sensors with times that last longer or shorter than those of the others by the factor of another unit."""
+    """Yield a finding for each sensor with a duration that differs from the others' by the factor of a time unit.
+
+    A factor of 1000, for instance, suggests ms read as s; a shorter duration is reported only among at least three
+    sensors.
+    """
     spans = {name: float(own.last - own.first) for name, own in times.items() if own.count >= FEWEST}
     for name, span in sorted(spans.items()):
         usual = float(np.median([each for other, each in spans.items() if other != name] or [0.0]))
@@ -234,9 +260,10 @@ def _units(times: Mapping[str, EventTimes]) -> Iterator[Check]:
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Report sensors with times far from those of all others, or apart from them by a known clock difference.
+    """Yield a finding for each sensor with times that do not overlap with those of any other sensor, and are far away.
 
-    Far is more than `least` [ns], and than the duration of the others.
+    Far is more than `least` [ns] and than the duration of the others together; or the offset is a known difference of
+    clocks, such as a time zone.
     """
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]

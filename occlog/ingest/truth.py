@@ -30,7 +30,9 @@ MIN_BOXES = 20
 def check_truth_consistency(
     tables: Iterator[Truth | TruthBoxes], scene: Scene, path: Path, note: Callable[[str], None]
 ) -> Iterator[Truth | TruthBoxes]:
-    """Generate the tables unchanged; at their end note the distance of projected feet from boxes, in box heights.
+    """Generate the tables unchanged; at the end, compare projected true positions (feet) with the lower edges of boxes.
+
+    The median distance in each camera, in heights of the box, is noted.
 
     Args:
         tables: true positions first, then true boxes.
@@ -39,7 +41,7 @@ def check_truth_consistency(
         note: called with remarks for the user.
 
     Raises:
-        InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
+        InputError: the median in a camera is above `MAX_OFF`: the grid of positions, the unit or the camera is another.
     """
     truths: list[Truth] = []
     off: dict[str, list[Floats]] = {}
@@ -70,10 +72,15 @@ def check_truth_consistency(
 
 
 def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
-    """(n,) distances of projected feet from the middle of the lower box edge, in box heights.
+    """(n,) distances of projected feet from the middle of the lower box edge, in heights of the box.
 
-    Of the n boxes of targets that have a true position at the same time; infinite behind the camera. `project` converts
-    world positions (n, 3) to pixels (n, 2).
+    The n boxes are those with a true position of the same target at the same time. Infinite where the feet are behind
+    the camera.
+
+    Args:
+        truth: true positions in the world.
+        boxes: true boxes of one camera.
+        project: converts world positions (n, 3) to pixels (n, 2) of the camera.
     """
     where = {key: row for row, key in enumerate(zip(truth.t_ns.tolist(), truth.target_id.tolist(), strict=True))}
     keys = zip(boxes.t_ns.tolist(), boxes.target_id.tolist(), strict=True)
@@ -93,7 +100,13 @@ MIN_REPORTED_S = 1.0
 
 
 def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable[[str], None]) -> None:
-    """Note that boxes count frames from 1 and true positions from 0, or vice versa, if they do."""
+    """Note if boxes count frames from 1 and true positions from 0, or vice versa, and the plan states neither number.
+
+    Args:
+        plan: has the files of the truth.
+        survey: of the box files; None: there are none, and nothing is noted.
+        note: called with the text.
+    """
     if survey is None or plan.first_number is not None or plan.truth_first_number is not None:
         return
     for _, path in plan.truth:
@@ -107,9 +120,13 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
 
 
 def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
-    """First and last frame time [ns] over all cameras, extended by half a frame at both ends.
+    """First and last time [ns] of the given frames over all cameras, extended by half a frame interval at both ends.
 
-    None if no camera has frames. `frames` and `times` are those of each camera.
+    None if no camera has frames.
+
+    Args:
+        frames: frame numbers, by camera.
+        times: frame times, by camera.
     """
     ends: list[tuple[int, int]] = []
     for name, own in frames.items():
@@ -131,12 +148,13 @@ def within_frames(
     times: Mapping[str, FrameTimes],
     note: Callable[[str], None],
 ) -> Iterator[Truth | TruthBoxes]:
-    """Generate the tables with true positions restricted to the selected frames; a note states how many were skipped.
+    """Generate the tables of the truth, true positions restricted to the times of the frames that the plan selects.
 
-    Without a selection all are kept, and a note states by how much they exceed the frames of a detector.
+    A note states how many were skipped. Without a selection all are kept, and a note states by how much they begin
+    before or end after the frames of a detector.
 
     Args:
-        tables: of the truth.
+        tables: of the truth; true boxes are unchanged.
         plan: has the selection.
         survey: of the box files; None: there are none.
         times: frame times by camera.

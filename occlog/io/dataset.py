@@ -32,14 +32,14 @@ RECORDING = pa.field("recording", NAMES, nullable=False, metadata={"unit": "1", 
 
 
 def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: bool = False) -> pa.Field:
-    """Arrow field of a column `name` of type `kind`, with unit and description (`doc`) as metadata."""
+    """Arrow field of a column `name` of the type `kind`, with unit and description (`doc`) as metadata."""
     return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "doc": doc})
 
 
 def dataset_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
-    """Schema of the table `name` over many recordings: the recording, then `fields`.
+    """Arrow schema of the table `name` over many recordings: the column `recording`, then `fields`.
 
-    `length_unit` is that of the table's lengths; empty: it has none.
+    `provenance` and the length unit of the table (empty: it has no lengths) are stored in its metadata.
     """
     entries = {SCHEMA_KEY: f"{COLLECTED}{name}/{VERSION}", **statements(provenance, length_unit)}
     return pa.schema([RECORDING, *fields], metadata=entries)
@@ -47,7 +47,7 @@ def dataset_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance
 
 @contextmanager
 def dataset_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
-    """Context manager: writer of a file that appears whole when the block ends without an error.
+    """Context manager: Parquet writer of a file that appears under its name when the block ends without an error.
 
     It replaces an older file at `path`.
     """
@@ -56,7 +56,10 @@ def dataset_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
 
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
-    """Write rows, values by column name, in groups to a Parquet file; return the number of rows."""
+    """Write rows, given as values by column name, to a Parquet file in groups of limited size.
+
+    Return the number of rows.
+    """
     count, kept = 0, list[dict[str, object]]()
     with dataset_writer(path, schema) as writer:
         for row in rows:
@@ -70,19 +73,19 @@ def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]])
 
 
 def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Provenance) -> int:
-    """Concatenate the tables of all recordings into one file; return the number of rows.
+    """Concatenate the tables of many recordings into one Parquet file; return the number of rows.
 
-    A column that a part does not have has no value (null) in its rows.  Memory does not grow with the number of parts.
+    A column that a recording's table lacks is null in its rows. Memory does not grow with the number of recordings.
 
     Args:
         path: the new table, which replaces an older one.
-        parts: a table of each recording, by the recording's name.
+        parts: file of the table of each recording, by the recording's name.
         name: of the tables, e.g. `tracks`.
         provenance: how the new table is made.
 
     Raises:
-        InputError: parts are of another kind or a newer version, in different units of length, or a column has
-            different types, values that are missing, or the name of another.
+        InputError: a file is of another kind or a newer version, length units differ, a column has several types or is
+            named twice, or values are missing.
     """
     fields, unit = _columns(parts, name)
     schema = dataset_schema(name, fields.values(), provenance, unit)
@@ -100,7 +103,18 @@ def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Pr
 
 
 def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field], str]:
-    """Columns of all parts by name, in order of first appearance, and the length unit."""
+    """Arrow fields of all files by column name, in order of first appearance, and their common length unit.
+
+    A column that some file lacks is nullable.
+
+    Args:
+        parts: file of the table of each recording, by the recording's name.
+        name: of the table that each file must hold.
+
+    Raises:
+        InputError: a file is of another kind or a newer version, length units differ, or a column has several types or
+            is named twice.
+    """
     fields: dict[str, pa.Field] = {}
     first: dict[str, str] = {}
     held: dict[str, int] = {}
@@ -135,7 +149,10 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
 
 
 def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]:
-    """Rows of all parts in chunks, with all columns; null for missing ones."""
+    """Yield the rows of all files in chunks with the columns of `schema`, the name of the recording first.
+
+    Columns that a file lacks are null. InputError for nulls in a column that all files have.
+    """
     for recording, part in parts.items():
         for batch in arrow_batches(part):
             index = pa.repeat(pa.scalar(0, pa.int32()), batch.num_rows)
@@ -179,10 +196,16 @@ METRICS = (
 
 
 def write_runs(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table `runs`, a row per recording, as Parquet; return the number of rows."""
+    """Write the table `runs` (outcome of each recording of a batch: a dict per row) as Parquet.
+
+    Return the number of rows.
+    """
     return write_rows(path, dataset_schema("runs", RUNS, provenance), rows)
 
 
 def write_metrics(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table `metrics`, a row per figure, as Parquet; return the number of rows."""
+    """Write the table `metrics` (a figure of an evaluation in each row, as a dict) as Parquet.
+
+    Return the number of rows.
+    """
     return write_rows(path, dataset_schema("metrics", METRICS, provenance), rows)

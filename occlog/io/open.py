@@ -62,10 +62,10 @@ class Opened:
         path: the file.
         provenance: how it was made.
         scene: the scene of a recording; None: it holds none, or the input is a table.
-        length_unit: unit of its lengths; None: a recording without a scene does not state.
+        length_unit: unit of its lengths; None: not stated.
         recording: the recording; None: the input is a table.
         table: name of the table; empty for a recording.
-        external_table: the external table; None: the input is ours.
+        external_table: the external table; None: the input was made by occlog.
     """
 
     path: Path
@@ -78,33 +78,39 @@ class Opened:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded when the file was made."""
+        """Losses of input that are recorded in the file's provenance."""
         return self.provenance.losses
 
     @property
     def made_in_a_scene(self) -> bool:
-        """Whether a table states its unit or names its scene, i.e. was made from other files."""
+        """Whether the input is a table with a unit of length that must match the scene.
+
+        It is an external table that states its unit, or a table that was made from other files, and so in their scene.
+        """
         if self.external_table is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
     def has_lengths(self, table: type[ColumnTable]) -> bool:
-        """Whether the input states the unit of a table's lengths, which must then match the scene."""
+        """Whether the input has lengths of `table` in a stated unit, which must match the scene."""
         return self.made_in_a_scene or (
             self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
         )
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Return whether the input holds rows of a table."""
+        """Whether the input is `table`, or a recording with rows of it."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
 
     @property
     def counts_frames(self) -> bool:
-        """Whether it is an external table with frame numbers in place of times."""
+        """Whether the input is an external table with frame numbers and a frame rate in place of times."""
         return self.external_table is not None and any(s.fps is not None for s in self.external_table.layout.columns)
 
     def widest(self, table: type[T]) -> type[T]:
-        """Variant of a table with all columns of the file (tracks of people have more columns than others)."""
+        """Variant of `table` with the most columns that the file has (`PeopleTracks` for `Tracks`).
+
+        `table` for a recording.
+        """
         if self.external_table is not None:
             return self.external_table.widest(table)
         if self.recording is not None:
@@ -112,10 +118,15 @@ class Opened:
         return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
 
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
-        """Stream the rows of a table in chunks, in the order of time.
+        """Yield the rows of `table` in chunks, in the order of time.
 
-        InputError, with the remedy, where the input holds none. Chunks of a Parquet table have at most `at_once` rows;
-        None: as in its row groups.
+        Args:
+            table: type of the table.
+            remedy: what to do if the input has no such rows, for the message.
+            at_once: most rows in a chunk of a Parquet table; None: the default.
+
+        Raises:
+            InputError: the input has no such rows, or is damaged.
         """
         self.require(table, remedy=remedy)
         if self.external_table is not None:
@@ -125,11 +136,11 @@ class Opened:
         return iter_table(self.path, table) if at_once is None else iter_table(self.path, table, at_once)
 
     def read(self, table: type[T]) -> T:
-        """Read all rows of a table; InputError if the input has none."""
+        """All rows of `table`; InputError if the input has none, or is damaged."""
         return table.concat(self.rows(table))
 
     def require(self, *tables: type[ColumnTable], remedy: str = REMEDY) -> None:
-        """Raise InputError with a remedy unless the input holds one of the required tables."""
+        """InputError unless the input holds at least one of the tables; `remedy` is what to do, for the message."""
         if any(self.has(table) for table in tables):
             return
         if self.external_table is not None:
@@ -156,13 +167,13 @@ def _or(names: list[str]) -> str:
 
 
 def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps: Fraction | None = None) -> Opened:
-    """Open a recording or a table.
+    """Open a recording, an occlog table or an external table, recognised by its content.
 
     Args:
         path: the file.
-        wants: tables of which the input must hold at least one; none: any will do.
-        remedy: what to do where a recording holds none of them.
-        fps: frames per second of an external table that counts frames and states no times.
+        wants: tables of which the input must hold at least one; empty: any will do.
+        remedy: what to do if a recording holds none of them, for the message.
+        fps: frames per second of an external table that counts frames and states no times; None: not given.
 
     Raises:
         InputError: the file is missing or damaged, is of another kind, or holds none of the tables.
@@ -201,9 +212,10 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
 
 
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
-    """Open a recording or an occlog table, or another table that can be read; None for any other file, such as a scene.
+    """Open a recording, an occlog table or an external table; None for any other file, such as a scene.
 
-    InputError, which states the expected content (`what`), for a missing or unreadable file.
+    `what` is the expected content, for messages. InputError for a missing or unreadable file, or a damaged one of
+    occlog.
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
@@ -221,9 +233,9 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
 
 
 def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
-    """Table kinds, of the given ones, that an input contains by its header; empty if it cannot be opened.
+    """Which of the given tables an input holds, by its header; empty if it cannot be opened.
 
-    A table of another program is the one of them that its columns fit best.
+    For an external table that fits several it is the best fitting one.
     """
     from occlog.io.external.table import best_fit
 
@@ -238,7 +250,10 @@ def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...
 
 
 def _refuse_stations(path: Path) -> None:
-    """InputError for a text table of stations, which is a scene (it has neither times nor frames)."""
+    """InputError if a file is a text table of stations, which has neither times nor frames and is given as a scene.
+
+    Returns without an error for other files.
+    """
     from occlog.io.external.names import is_in_time
     from occlog.io.formats.scenes.stations import check_stations, holds_stations, occurs_twice
 
@@ -257,7 +272,7 @@ def _refuse_stations(path: Path) -> None:
 
 
 def frames_counted_by(path: Path) -> str | None:
-    """Column of frame numbers of an external table without times; None for others."""
+    """Name of the column of frame numbers of an external table without times; None for other files."""
     from occlog.io.external.names import frame_column
 
     source = None if open_if_ours(path) is not None else _source(path)
@@ -265,7 +280,7 @@ def frames_counted_by(path: Path) -> str | None:
 
 
 def is_table_in_parts(folder: Path) -> bool:
-    """Whether a folder is one table of Parquet files."""
+    """Whether a folder is one table in Parquet files."""
     from occlog.io.external.source import parquet_parts
 
     return bool(parquet_parts(folder))
@@ -278,9 +293,9 @@ def _source(path: Path) -> ColumnSource | None:
 
 
 def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
-    """Open an external table as that of the requested tables (`wants`; empty: any) that fits best.
+    """Open an external table as the one of `wants` (empty: of all tables) that fits its columns best.
 
-    InputError if none fits.
+    Stated units that apply to it count as used. InputError if no table fits.
     """
     from occlog.io.external.names import kind_of, unit_in_name
     from occlog.io.external.table import ExternalTable, best_fit
@@ -320,21 +335,21 @@ def _table(path: Path) -> Opened:
 
 
 class ExternalPositions(NamedTuple):
-    """Positions from an external file; `on_earth`: from latitude and longitude."""
+    """True positions from an external file; `on_earth`: they were converted from geodetic positions."""
 
     rows: Iterator[Truth]
     on_earth: bool
 
 
 def external_positions(path: Path, length_unit: str) -> ExternalPositions | None:
-    """Positions of a file that the formats of data sets do not have; None for a file of another kind.
+    """True positions from a file in a format that the readers of data sets lack; None for a file of another kind.
 
-    These are trajectories (TUM, TRC, GeoJSON, GPX, EuRoC), positions on the earth, Parquet and Arrow, and text with
-    lengths in units that names of columns state.
+    Such formats are trajectories (TUM, TRC, GeoJSON, GPX, EuRoC), geodetic positions, Parquet and Arrow, and text with
+    column names that state length units.
 
     Args:
         path: the file.
-        length_unit: unit of the rows.
+        length_unit: unit to which positions are converted.
 
     Raises:
         InputError: the file is of such a kind, and cannot be read.
@@ -362,12 +377,21 @@ def external_positions(path: Path, length_unit: str) -> ExternalPositions | None
 
 
 def is_external(path: Path | None) -> bool:
-    """Whether a file is an external table, with identities of another program."""
+    """Whether a file is a table or trajectory of another program; False for None."""
     return path is not None and _source(path) is not None
 
 
 def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
-    """Scene of `--scene` (YAML, or a recording with a scene), or else of the input recording."""
+    """The scene in the file `scene`, or else (None) that of the input recording.
+
+    Args:
+        scene: file that the user gives: YAML, a table of stations, or a recording with a scene.
+        recording: scene of the input recording; None: it has none.
+        where: the input, for the message.
+
+    Raises:
+        NoSceneError: there is no scene.
+    """
     if scene is not None:
         found = scene_in(scene)
         if found is None:
@@ -379,7 +403,10 @@ def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scen
 
 
 def scene_in(path: Path) -> Scene | None:
-    """Scene in a YAML file, a recording, or a table of stations; None for a recording without one."""
+    """Scene in a YAML file, a recording, or a table of stations; None for a recording without one.
+
+    InputError for other files.
+    """
     content = content_of(path, "a scene file (YAML), a table of stations or a recording with a scene")
     if content is Content.RECORDING:
         from occlog.io.recording.reader import open_recording
@@ -400,20 +427,20 @@ def scene_in(path: Path) -> Scene | None:
 
 
 def is_recording_name(output: Path) -> bool:
-    """Whether the name of an output has the suffix of a recording."""
+    """Whether the name of a file has the suffix of a recording (.mcap)."""
     return output.suffix.lower() == RECORDING_SUFFIX
 
 
 def check_unit(
     opened: Opened, length_unit: str, source: str = "the scene", error: type[OcclogError] = UsageError
 ) -> None:
-    """Raise an error for an input with lengths in another unit; an external table is converted.
+    """Raise an error if an input has lengths in another unit; an external table is set to be converted instead.
 
     Args:
         opened: the input; one that does not state its unit passes.
         length_unit: what it must be.
         source: the owner of that unit, for the message.
-        error: what to raise.
+        error: class of the error.
     """
     if opened.external_table is not None:
         opened.external_table.convert_to(length_unit)
@@ -425,10 +452,10 @@ def check_unit(
 
 
 def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
-    """Length unit of inputs used without a scene, and the file that determines it.
+    """Length unit of inputs that are used without a scene, and the file that determines it (empty: none does).
 
-    The first occlog table that states a unit decides.  Without one the first external table does, and the unit is m if
-    an external table has lengths without a unit.
+    The first occlog table that states a unit decides. Without one, the unit is that of the first external table with
+    lengths, or m if an external table has lengths without a unit. None is skipped.
     """
     opened = [each for each in inputs if each is not None]
     for each in opened:
@@ -440,12 +467,14 @@ def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
 
 
 def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable]) -> Opened:
-    """Open an input with lengths converted to this unit (only external tables differ, see `check_unit`).
+    """Open an input; lengths of an external table are converted to `length_unit` when its rows are read.
+
+    Lengths of occlog's own files are not converted.
 
     Args:
         path: the file.
-        length_unit: of lengths; None: as the file has them.
-        wants: see `open_input`.
+        length_unit: unit of lengths; None: as the file has them.
+        wants: tables of which the input must hold at least one; empty: any will do.
     """
     opened = open_input(path, *wants)
     if opened.external_table is not None and length_unit is not None:
@@ -454,5 +483,5 @@ def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable])
 
 
 def input_losses(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
-    """Losses of several inputs, without duplicates; None is skipped."""
+    """Losses recorded in the provenance of several inputs, without duplicates; None is skipped."""
     return tuple(dict.fromkeys(loss for opened in inputs if opened is not None for loss in opened.losses))

@@ -50,8 +50,8 @@ class FileContent(NamedTuple):
     """One possible kind of a file.
 
     Attributes:
-        kind: of the input.
-        words: the format, for a person.
+        kind: kind of input.
+        words: the format, in words.
     """
 
     kind: FileKind
@@ -113,7 +113,7 @@ def _of_folder(path: Path) -> Iterator[FileContent]:
 
 
 def is_sequence(folder: Path) -> bool:
-    """Whether a folder holds images of one camera, numbered or named by times."""
+    """Whether a folder holds at least `MIN_IMAGES` images of one camera, numbered or named by times."""
     from occlog.io.frames.streams import are_times, list_images, numbers_of
 
     try:
@@ -161,7 +161,7 @@ def _of_binary(path: Path) -> Iterator[FileContent]:
 
 
 def _of_table(path: Path) -> Iterator[FileContent]:
-    """Kind of an occlog table, or of an external table recognised by its columns."""
+    """Yield the kind of an occlog table, or of an external table recognised by its columns; nothing for other files."""
     from occlog.io.open import open_if_ours
 
     opened = open_if_ours(path)
@@ -229,12 +229,12 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
 
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
-    """Generate the possible kinds of a text table with a header line.
+    """Yield the possible kinds of a text table with a header line, the likeliest first.
 
     Args:
-        path: of the file.
-        probe: its first lines.
-        cells: names in the header, in small letters.
+        path: the file.
+        probe: the file, for recognisers of formats.
+        cells: names in the header, in lower case.
         directions: formats of directions of arrival.
     """
     from occlog.io.formats.boxes.columns import ACROSS, BOX, COLUMNS, IMAGE
@@ -268,7 +268,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 
 def _times() -> set[str]:
-    """Accepted names of time columns."""
+    """Accepted names of time columns, in all units."""
     from occlog.io.files.timing.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
@@ -280,10 +280,10 @@ def _without_header(
     truths: Formats,
     directions: Formats,
 ) -> Iterator[FileContent]:
-    """Generate the possible kinds of a text without a header line.
+    """Yield the possible kinds of a text without a header line, the likeliest first.
 
     Args:
-        probe: its first lines.
+        probe: the file, for recognisers of formats.
         cells: of the first line.
         truths: formats of ground truth.
         directions: formats of directions of arrival.
@@ -316,7 +316,7 @@ def _of_trajectories(probe: Probe) -> Iterator[FileContent]:
 
 
 def _is_mot(cells: list[str]) -> bool:
-    """Whether the cells of a line are numbers, the first one whole (MOTChallenge)."""
+    """Whether the cells of a line are numbers, the first one a whole number from 0 (a frame of MOTChallenge)."""
     return _numbers(cells) and float(cells[0]) == int(float(cells[0])) >= 0
 
 
@@ -328,7 +328,7 @@ def _numbers(cells: list[str]) -> bool:
 
 
 def _xml_kind(probe: Probe) -> list[FileContent]:
-    """Possible kinds of an XML text other than a calibration."""
+    """Possible kinds of an XML text other than a calibration; empty if it is of no known format."""
     from occlog.io.formats.boxes.annotations import is_cvat
 
     if is_cvat(probe):
@@ -346,7 +346,7 @@ def _cells(probe: Probe) -> list[str]:
 
 
 def _first(formats: Formats, probe: Probe) -> str | None:
-    """Name of the first of the formats that a file matches; None if it matches none or is not text."""
+    """Name of the first of the formats that recognises a file; None if none does, or the file cannot be read."""
     from occlog.io.files.texts.formats import recognise
 
     try:
@@ -367,7 +367,10 @@ PART = re.compile(r"_\d+$")
 
 
 def is_one_bag(folder: Path) -> bool:
-    """Whether a folder is one ROS 2 bag: it has bag metadata, or its files are parts with one name."""
+    """Whether a folder is one ROS 2 bag: it has bag metadata, or its bag files are parts with one name.
+
+    False if one of the files is a recording of occlog.
+    """
     from occlog.io.messages.bag import METADATA, is_bag
     from occlog.io.recording.reader import open_recording
 
@@ -385,7 +388,7 @@ def is_one_bag(folder: Path) -> bool:
 
 
 def is_ros_bag(path: Path) -> bool:
-    """Whether a path is a ROS bag or an external MCAP file, possibly truncated."""
+    """Whether a path is a ROS bag or an MCAP file of another program, possibly truncated."""
     if path.is_dir():
         from occlog.io.messages.bag import is_bag
 
@@ -420,7 +423,7 @@ class SequenceInfo(NamedTuple):
 
 
 def read_sequence_info(path: Path) -> SequenceInfo:
-    """Read `seqinfo.ini` of a sequence; InputError if invalid."""
+    """Read name, frame rate and image size from `seqinfo.ini` of a MOTChallenge sequence; InputError if invalid."""
     parser = configparser.ConfigParser(interpolation=None)
     with guarded(path, "the description of a sequence"):
         try:

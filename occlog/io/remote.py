@@ -44,12 +44,12 @@ MAX_WORDS = 160
 
 
 def is_url(text: str) -> bool:
-    """Whether a text is a URL rather than a file name."""
+    """Whether a text is a URL (`SCHEME://...`) rather than a file name."""
     return _URL.match(text) is not None
 
 
 def kind_of(url: str) -> str:
-    """Scheme of a URL, e.g. `s3`; UsageError for those that occlog does not take."""
+    """Scheme of a URL in lower case, e.g. `s3`; UsageError for schemes that are not supported."""
     found = _URL.match(url)
     kind = found.group(1).lower() if found else ""
     if kind not in PACKAGES or "::" in url:
@@ -61,13 +61,13 @@ def kind_of(url: str) -> str:
 
 
 def without_end(location: str) -> str:
-    """Return a folder or its URL without trailing slashes, since in stores `a//b` differs from `a/b`."""
+    """Location without trailing slashes if it is a URL, since in object stores `a//b` differs from `a/b`."""
     kind, mark, path = location.partition("://")
     return f"{kind}{mark}{path.rstrip('/')}" if is_url(location) else location
 
 
 def public_url(url: str) -> str:
-    """Return a URL without user, password, query and fragment."""
+    """URL without user, password, query and fragment, for messages and tables."""
     kind, mark, rest = url.partition("://")
     path = re.split(r"[?#]" if kind.lower() in READ_ONLY else r"[?]", rest, maxsplit=1)[0]
     host, slash, below = path.partition("/")
@@ -75,14 +75,14 @@ def public_url(url: str) -> str:
 
 
 def identity(url: str) -> str:
-    """Return a URL without credentials: user, password, and signatures in its query."""
+    """URL without credentials (user, password, signatures in the query), which identifies the file."""
     query = url.partition("?")[2].partition("#")[0]
     asked = "&".join(part for part in query.split("&") if not _SIGNATURE.match(part))
     return f"{public_url(url)}?{asked}" if asked else public_url(url)
 
 
 def without_secrets(text: str) -> str:
-    """Message of a library about a URL, in one line without credentials."""
+    """Text of an error in one line of at most `MAX_WORDS` characters, without credentials and queries of URLs."""
     return _SECRETS.sub("", " ".join(text.split()))[:MAX_WORDS]
 
 
@@ -102,11 +102,11 @@ GONE = (404, 410)
 
 
 class Version(NamedTuple):
-    """State of a remote file, to detect changes.
+    """State of a remote file, by which changes are detected.
 
     Attributes:
-        size: bytes; None: the server does not state.
-        mark: changes when the file does; empty: the server gives none.
+        size: bytes; None: the server does not state it.
+        mark: text that changes when the file does (ETag, time); empty: the server gives none.
     """
 
     size: int | None
@@ -115,9 +115,10 @@ class Version(NamedTuple):
 
 @contextmanager
 def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
-    """Context manager that converts exceptions of file systems to one-line errors of the type `failure`.
+    """Context manager that converts exceptions of remote file systems to one-line errors of the type `failure`.
 
-    Without the package for such URLs, UsageError; errors of a full disk pass.
+    UsageError if the package for such URLs is not installed; errors of a full local disk are passed on. `url` is named
+    without credentials.
     """
     try:
         yield
@@ -141,9 +142,9 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Reason why the existence of a file is unknown; None if it is missing.
+    """Why it is unknown whether a file exists, as the exception of the connection; None if it is missing.
 
-    fsspec reports every refusal of a web server as missing.
+    fsspec reports every refusal of a web server as a missing file.
     """
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
@@ -152,7 +153,7 @@ def _unreached(error: FileNotFoundError) -> BaseException | None:
 
 
 def _opened(url: str) -> tuple[Any, str]:
-    """File system of a URL, and the path in it."""
+    """File system of a URL, of the library fsspec, and the path in it."""
     kind = kind_of(url)
     import fsspec
 
@@ -166,7 +167,10 @@ def _opened(url: str) -> tuple[Any, str]:
 
 
 def find(pattern: str) -> list[str]:
-    """URLs of the files that match a pattern, sorted; a URL without `*`, `[` matches itself."""
+    """URLs of the files that match a pattern, sorted; a URL without `*` and `[` is returned as it is.
+
+    Empty if none matches.
+    """
     if not any(mark in pattern.partition("?")[0] for mark in "*["):
         kind_of(pattern)
         return [pattern]
@@ -180,7 +184,7 @@ def find(pattern: str) -> list[str]:
 
 
 def version(url: str) -> Version:
-    """State of the file at a URL, by which changes are noticed; InputError if missing or unreadable."""
+    """State of the file at a URL, by which changes are detected; InputError if it is missing or unreadable."""
     with _as_output_error(url):
         system, path = _opened(url)
         details = system.info(path)
@@ -190,7 +194,12 @@ def version(url: str) -> Version:
 
 
 def fetch(url: str, file: Path) -> int:
-    """Copy a remote file to a local one, atomically; return its size."""
+    """Download the file at `url` to the local path `file`, atomically; return its size [bytes].
+
+    Raises:
+        InputError: it is missing or cannot be reached.
+        OutputError: the local file cannot be written.
+    """
     part = file.with_name(PART)
     try:
         with _as_output_error(url):
@@ -205,7 +214,7 @@ def fetch(url: str, file: Path) -> int:
 
 
 def check_output(url: str) -> None:
-    """UsageError for a URL that cannot be written to."""
+    """UsageError if nothing can be written to a URL (web servers, unsupported schemes)."""
     if kind_of(url) in READ_ONLY:
         raise UsageError(
             f"{public_url(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://",
@@ -214,7 +223,7 @@ def check_output(url: str) -> None:
 
 
 def put(file: Path, url: str) -> None:
-    """Upload a file to a URL, replacing an existing one."""
+    """Upload a file to a URL, replacing an existing one; OutputError if that fails."""
     with _as_output_error(url, OutputError):
         system, path = _opened(url)
         system.pipe_file(path, file.read_bytes())
@@ -234,7 +243,7 @@ def names_in(url: str) -> list[str]:
 
 
 def remove(urls: Iterable[str]) -> None:
-    """Delete the files at URLs, as far as they exist."""
+    """Delete the files at URLs, as far as they exist; OutputError if that fails."""
     for url in urls:
         with _as_output_error(url, OutputError):
             system, path = _opened(url)
@@ -247,11 +256,11 @@ LOCK, SCRATCH = ".lock", "scratch-"
 
 @dataclass(frozen=True)
 class Cache:
-    """A cache folder of fetched files.
+    """Folder in which fetched files are kept; several processes can share it.
 
     Attributes:
         folder: made if missing.
-        limit: bytes of unused files that are kept.
+        limit: total size of the files that are kept [bytes]; files in use may exceed it.
     """
 
     folder: Path
@@ -259,12 +268,12 @@ class Cache:
 
     @contextmanager
     def holding(self, url: str) -> Iterator[Path]:
-        """Context manager: fetch the recording at a URL and the linked videos next to it.
+        """Context manager: local copy of the recording at a URL, with the linked videos next to it.
 
-        Yields the local file; they are kept while the block lasts.
+        The copies are fetched unless they are in the cache, and kept at least until the end of the block.
 
         Raises:
-            InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
+            InputError: the file is missing, cannot be read, came incomplete, or is larger than the limit.
         """
         remote_version = version(url)
         if remote_version.size is not None and remote_version.size > self.limit:
@@ -286,7 +295,10 @@ class Cache:
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
-        """Create an empty temporary folder, removed at the end (or by the next process if this one is killed)."""
+        """Context manager: empty temporary folder in the cache, removed at the end.
+
+        If this process is killed, a later one removes it.
+        """
         with self._using(f"{SCRATCH}{uuid.uuid4().hex}") as entry:
             try:
                 yield entry
@@ -294,9 +306,17 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video in the recording's folder, and check its hash; links elsewhere are left to readers.
+        """Download a linked video that belongs into the recording's folder, and check its SHA-256.
 
-        `url` is that of the recording, `video` the local file to which it is fetched.
+        Nothing is done for a video that exists or is elsewhere, which the reader reports.
+
+        Args:
+            url: of the recording.
+            recording: local copy of it.
+            video: local path of the video.
+
+        Raises:
+            InputError: the video is missing, or is not the one that is linked.
         """
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
@@ -311,9 +331,9 @@ class Cache:
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
-        """Fetch the file at `url` to `file`; InputError if its size is not the `wanted` one [bytes] (None: unknown).
+        """Download the file at `url` to `file`, after older entries of the cache are removed to make room.
 
-        Older files are removed from the cache to make room.
+        `wanted` is its expected size [bytes], None: unknown. InputError if it arrives with another size.
         """
         self._trim(wanted or 0)
         size = fetch(url, file)
@@ -342,7 +362,7 @@ class Cache:
 
     @contextmanager
     def _managed(self) -> Iterator[None]:
-        """Context manager that holds the lock of the whole cache.
+        """Context manager that makes the folder and holds the lock of the whole cache, waiting for other processes.
 
         UsageError if the system has no such locks.
         """
@@ -357,7 +377,7 @@ class Cache:
             yield
 
     def _trim(self, wanted: int) -> None:
-        """Remove unused entries, oldest first, until `wanted` bytes fit, and all abandoned temporary folders."""
+        """Remove abandoned temporary folders, and the least recently used entries until `wanted` more bytes fit."""
         with self._managed():
             locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
             sizes = {lock: _size(self._entry(lock)) for lock in locks}
@@ -371,7 +391,7 @@ class Cache:
         return self.folder / lock.name.removesuffix(LOCK)
 
     def _drop(self, lock: Path) -> bool:
-        """Remove an entry and its lock, unless it is in use; return whether it was removed."""
+        """Remove the entry of a lock file, and that file, unless it is in use; return whether it was removed."""
         with lock.open("a") as held:
             if not _alone(held):
                 return False
@@ -381,7 +401,7 @@ class Cache:
 
 
 def default_folder() -> Path:
-    """Default cache folder: `OCCLOG_CACHE`, or `occlog` in the user's cache folder."""
+    """Default cache folder: the environment variable `OCCLOG_CACHE`, or `occlog` in the user's cache folder."""
     value = os.environ.get("OCCLOG_CACHE")
     if value:
         return Path(value)
@@ -391,7 +411,7 @@ def default_folder() -> Path:
 
 @contextmanager
 def _fetching(entry: Path) -> Iterator[None]:
-    """Context manager that prevents other processes from fetching the same entry."""
+    """Context manager that locks an entry of the cache, so that other processes wait instead of fetching it, too."""
     descriptor = os.open(entry, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -409,7 +429,7 @@ def _alone(lock: IO[str]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    """Total size of the files in a folder [bytes]; files removed meanwhile are ignored."""
+    """Total size of the files in a folder [bytes]; files that are removed meanwhile are ignored."""
     total = 0
     for location, _, names in os.walk(folder):
         for name in names:

@@ -204,7 +204,8 @@ class Measure(NamedTuple):
         value: the quantity; NaN: missing.
         error: standard error; 0: computed exactly, NaN: not known.
         runs: number of independent samples that the error is from.
-        low, high: ends of the range of the true value.
+        low, high: ends of the range of the true value: its 95.4 % confidence interval (two standard errors to each
+            side for many runs); infinite where the error is not known, both `value` where that is exact.
     """
 
     value: float
@@ -215,22 +216,25 @@ class Measure(NamedTuple):
 
     @property
     def half_width(self) -> float:
-        """Half the width of the range of the true value."""
+        """Half the width of the confidence interval of the true value."""
         return 0.5 * (self.high - self.low)
 
 
 def errors_allowed(runs: int) -> float:
-    """How many standard errors the range reaches to each side: about 2 for many runs; infinite below two runs."""
+    """Standard errors to each side of a 95.4 % confidence interval: about 2 for many runs; infinite below two runs.
+
+    By Student's t distribution with `runs` - 1 degrees of freedom.
+    """
     return float(stdtrit(runs - 1, CONFIDENCE)) if runs >= 2 else math.inf
 
 
 def estimate(value: float, error: float, runs: int) -> Measure:
-    """Quantity with its standard error and the range of the true value.
+    """Quantity with its standard error and a 95.4 % confidence interval of the true value.
 
     Args:
         value: the quantity.
-        error: standard error; 0: exact; NaN: unknown, the range is unlimited.
-        runs: number of runs, which sets the width of the range; for fewer than two it is unlimited.
+        error: standard error; 0: exact; NaN: unknown, the interval is unlimited.
+        runs: number of independent runs, which sets the interval's width; for fewer than two it is unlimited.
     """
     if error == 0.0 and not math.isnan(value):
         return Measure(value, error, runs, value, value)
@@ -262,7 +266,7 @@ def mean_of(row: PaperRow) -> Measure:
 
 
 def share_of(held: int, runs: int) -> Measure:
-    """Share of runs in which something holds, in `held` of `runs`; its range is that of Clopper and Pearson.
+    """Share of runs in which something holds, in `held` of `runs`, with the interval of Clopper and Pearson.
 
     The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull), since the
     plain one vanishes where all runs agree.
@@ -285,7 +289,7 @@ def difference(low: PaperRow, high: PaperRow) -> tuple[float, float]:
 
 
 def difference_of(low: PaperRow, high: PaperRow) -> Measure:
-    """Mean of high - low as `difference` computes it, with the range of the true value."""
+    """Mean of high - low as `difference` computes it, with standard error and confidence interval."""
     return estimate(*difference(low, high), min(low.runs, high.runs))
 
 
@@ -304,7 +308,7 @@ def quotient(above: PaperRow, below: PaperRow) -> tuple[float, float]:
 
 
 def quotient_of(above: PaperRow, below: PaperRow) -> Measure:
-    """Quotient of the means of two rows, `above` over `below`, with standard error and range of the true value."""
+    """Quotient of the means of two rows, `above` over `below`, with standard error and confidence interval."""
     return estimate(*quotient(above, below), min(above.runs, below.runs))
 
 
@@ -322,12 +326,13 @@ def power_of(rows: Sequence[PaperRow]) -> Measure:
 
 
 def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) -> Measure:
-    """Statistic of the runs with the range of its bootstrap samples, widened for few runs as that of `estimate`.
+    """Statistic of the runs with its bootstrap confidence interval (95.4 %), widened for few runs as by `estimate`.
 
     Args:
         runs: number of runs.
         statistic: figure of the runs with these indices, which may repeat; NaN if missing.
-        resamples: number of samples. If the statistic is NaN for more than a tenth of them, nothing is known.
+        resamples: number of bootstrap samples. If the statistic is NaN for more than a tenth of them, or for the runs
+            themselves, the result is NaN with an unlimited interval, as it is below two runs.
     """
     value = statistic(np.arange(runs))
     drawn = np.random.default_rng(2009).integers(runs, size=(resamples, runs)) if runs else np.empty((0, 0), int)
@@ -402,11 +407,11 @@ class Interval(NamedTuple):
     high: float = math.inf
 
     def holds(self, m: Measure) -> bool:
-        """Whether the whole range of the quantity is in the interval."""
+        """Whether the whole confidence interval of the quantity is in this interval."""
         return self.low <= m.low and m.high <= self.high
 
     def misses(self, m: Measure) -> bool:
-        """Whether the whole range of the quantity is outside the interval."""
+        """Whether the whole confidence interval of the quantity is outside this interval."""
         return m.high < self.low or self.high < m.low
 
 
@@ -441,7 +446,7 @@ class StatementPoint(NamedTuple):
     Attributes:
         measure: quantity, usually a difference.
         good: interval in which the statement holds.
-        none: a difference up to this is none; 0: every difference counts.
+        none: a difference that is known to be up to this, in size, is none; 0: every difference counts.
     """
 
     measure: Measure
@@ -449,7 +454,7 @@ class StatementPoint(NamedTuple):
     none: float = 0.0
 
     def stands(self) -> bool | None:
-        """True where the statement holds, false where it fails, and None where that is open."""
+        """True where the statement holds, False where it fails, None where the confidence interval leaves it open."""
         if self.good.holds(self.measure):
             return True
         negligible = Interval(-self.none, self.none).holds(self.measure)
@@ -493,10 +498,13 @@ def neighbours(rows: Sequence[PaperRow]) -> list[Pair]:
 
 
 def word_of(m: Measure, good: Interval, fair: Interval) -> str:
-    """Word of the verdict on a quantity, by the rules in the text of the module.
+    """Word of the verdict on a quantity, by its confidence interval.
+
+    `REPRODUCED`: it is in the good interval; `NOT`: outside the fair one; `IN_PART`: in the fair one, and outside the
+    good one or across an end of it and narrow; otherwise, and without a value, `UNDECIDED`.
 
     Args:
-        m: quantity with its range.
+        m: quantity with its confidence interval.
         good: interval in which the statement is reproduced.
         fair: interval in which it is reproduced in part.
     """
@@ -512,7 +520,7 @@ def word_of(m: Measure, good: Interval, fair: Interval) -> str:
 
 
 def _margin(good: Interval, fair: Interval) -> float:
-    """Least of half the good interval and the distances between its ends and those of the fair one.
+    """Least of half the length of the good interval and the distances between its ends and those of the fair one.
 
     Lengths that are 0 or infinite do not count; 0 if none is left.
     """
@@ -663,6 +671,8 @@ def lower(low: PaperRow, high: PaperRow) -> StatementPoint:
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
     """Verdict on whether two rows are as good as equal: within one standard deviation over the runs.
+
+    The confidence interval of the difference of their means must be within the larger of both standard deviations.
 
     Args:
         key: id of the verdict.

@@ -11,15 +11,13 @@ from tqdm import tqdm
 
 @contextmanager
 def shown_progress(label: str, unit: str, total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Context manager: show a progress bar on a terminal; yield the function that advances it by a number.
+    """Context manager with a progress bar on a terminal; yields the function that advances it by a number, or None.
 
     Args:
         label: text before the bar.
-        unit: of the numbers.
+        unit: noun for what is counted.
         total: number at the end.
         quiet: show none.
-
-    Yields None without a bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None

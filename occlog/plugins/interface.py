@@ -23,13 +23,14 @@ from occlog.settings import Settings, setting
 
 
 class Detected(NamedTuple):
-    """The N boxes in an image; N may be 0.
+    """The N boxes that a detector finds in an image; N may be 0.
 
     Attributes:
-        boxes: (N, 4) left and upper edge, width and height [px], the last two above 0; the centre of the first pixel is
-            (0, 0).
+        boxes: (N, 4) left edge, upper edge, width and height [px], the last two above 0; the centre of the first pixel
+            is (0, 0).
         scores: (N,) confidence, 0 to 1.
-        embeddings: (N, D) appearance in the boxes, D the same in all images; None: the detector gives none.
+        embeddings: (N, D) appearance vectors of the boxes, with the same D in all images; None: the detector computes
+            none.
     """
 
     boxes: Floats
@@ -38,9 +39,9 @@ class Detected(NamedTuple):
 
 
 class Detector(Protocol):
-    """A detector of people (group `occlog.detectors`): an object for each camera.
+    """A detector of people (entry point group `occlog.detectors`); each camera has its own object.
 
-    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    Random numbers come from the given generator alone. A detector does not modify its inputs, and writes nothing.
     """
 
     summary: ClassVar[str]  # one line for --help
@@ -54,10 +55,10 @@ class Detector(Protocol):
 
 
 class ExportContext(NamedTuple):
-    """Context that is needed with the rows.
+    """Unit and scene of the rows that an exporter writes.
 
     Attributes:
-        length_unit: of all lengths.
+        length_unit: unit of all lengths in the rows.
         scene: cameras, arrays and the room; None: not given.
     """
 
@@ -66,7 +67,10 @@ class ExportContext(NamedTuple):
 
 
 class Exporter(Protocol):
-    """A format that tables are written in (group `occlog.exporters`).  It changes nothing that it is given."""
+    """An exporter: writes tables in an external format (entry point group `occlog.exporters`).
+
+    It does not modify its inputs.
+    """
 
     summary: ClassVar[str]  # one line for --help
     settings: ClassVar[type[Settings]]
@@ -76,21 +80,25 @@ class Exporter(Protocol):
         """Create an exporter that has written nothing yet; one object may write several files."""
 
     def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
-        """Write all rows to a file that can only be written on, may be standard output, and is closed by its opener.
+        """Write all rows to a file.
 
-        `world`: unit and scene of the rows.
+        Args:
+            rows: table to write, of one of the kinds in `tables`.
+            world: unit of lengths and scene of the rows.
+            file: binary file that can only be written, perhaps standard output; the caller closes it.
         """
 
 
 class TargetScan(NamedTuple):
-    """Measurements of one target by R sensors at one time.
+    """Bearings of one target from R sensors at one time.
 
     Attributes:
-        t_ns: time [ns since the Unix epoch]; it never goes back.
-        sensors: (R,) names; one may be there several times, with candidates that may be of anything.
-        places: (R, 2) where they are, in the scene's unit of length.
-        bearings: (R,) from +x towards +y [rad]; NaN: the sensor observed and did not see the target.
-        sigma: (R,) standard deviations [rad]; NaN where the bearing is.
+        t_ns: time [ns since the Unix epoch]; it never decreases from scan to scan.
+        sensors: (R,) names of the sensors; a sensor with several candidates occurs once for each, and any of them may
+            be false.
+        places: (R, 2) x and y of the sensors, in the scene's unit of length.
+        bearings: (R,) angle from +x towards +y [rad]; NaN: the sensor observed, but did not detect the target.
+        sigma: (R,) standard deviation of each bearing [rad]; NaN where the bearing is NaN.
     """
 
     t_ns: int
@@ -104,9 +112,9 @@ class EstimatedPosition(NamedTuple):
     """Estimated position of a target.
 
     Attributes:
-        xy: (2,) in the scene's unit of length.
-        covariance: (2, 2) of xy, symmetric and positive definite.
-        velocity: (2,) per second; None: the method does not estimate it.
+        xy: (2,) position in the scene's unit of length.
+        covariance: (2, 2) covariance of the position, symmetric and positive definite.
+        velocity: (2,) velocity in units of length per second; None: not estimated.
     """
 
     xy: Floats
@@ -115,29 +123,32 @@ class EstimatedPosition(NamedTuple):
 
 
 class Filter(Protocol):
-    """A tracking method of bearings (group `occlog.tracking_methods`): an object for each target.
+    """A tracking method for bearings (entry point group `occlog.tracking_methods`); each target has its own object.
 
-    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    Random numbers come from the given generator alone. A filter does not modify its inputs, and writes nothing.
     """
 
     summary: ClassVar[str]  # one line for --help
     settings: ClassVar[type[Settings]]
 
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
-        """Create a filter that knows nothing of the target yet; `rng` is the source of all its random numbers."""
+        """Create a filter that has no information on the target yet; `rng` is the source of all its random numbers.
+
+        `scene`: sensors, room and unit of length.
+        """
 
     def step(self, scan: TargetScan) -> EstimatedPosition | None:
         """Update the filter with a scan; return the target's position at its time, or None if that is not known yet."""
 
 
 class MetricInput(NamedTuple):
-    """Tracks on the ground and what they are compared with.
+    """Tracks on the ground, and the truth and errors that belong to them.
 
     Attributes:
-        tracks: rows in the order of time.
-        truth: likewise; `role` distinguishes targets from occluders.
-        errors: of each estimate that has a truth at its time, paired as `occlog evaluate` pairs them.
-        length_unit: of all lengths.
+        tracks: estimates, in the order of time.
+        truth: true positions, in the order of time; its column `role` distinguishes targets from occluders.
+        errors: error of each estimate with a true position at its time, paired as `occlog evaluate` does.
+        length_unit: unit of all lengths in the tables.
     """
 
     tracks: Tracks
@@ -147,17 +158,20 @@ class MetricInput(NamedTuple):
 
 
 class Metric(Protocol):
-    """A metric (group `occlog.metrics`).  It changes nothing that it is given, and writes nothing."""
+    """A metric: computes figures from tracks and truth (entry point group `occlog.metrics`).
+
+    It does not modify its inputs, and writes nothing.
+    """
 
     summary: ClassVar[str]  # one line for --help
     settings: ClassVar[type[Settings]]
     units: ClassVar[Mapping[str, str]]  # unit of each figure by its name: `length`, `s`, `1`, ...
 
     def __init__(self, settings: Settings) -> None:
-        """Create a metric; one object may compare several times, without memory of earlier comparisons."""
+        """Create a metric; one object may compute several comparisons, and must not remember earlier ones."""
 
     def figures(self, compared: MetricInput) -> Mapping[str, float]:
-        """Return all figures of a comparison by name; NaN: there is nothing to compute one from."""
+        """Return all figures of a comparison, by name; NaN where the input does not determine a figure."""
 
 
 Columns = Mapping[str, ArrayLike]
@@ -168,7 +182,7 @@ Names and units are those that any table of another program may have.  NaN and N
 
 
 class Reader(Protocol):
-    """A reader of a file format (group `occlog.readers`)."""
+    """A reader of files in an external format (entry point group `occlog.readers`)."""
 
     summary: ClassVar[str]  # one line for --help
     settings: ClassVar[type[Settings]]
@@ -176,21 +190,25 @@ class Reader(Protocol):
     table: ClassVar[str]  # what such files hold, as `bearings`: a name of the tables of this program
 
     def __init__(self, settings: Settings) -> None:
-        """Create a reader that has not read anything."""
+        """Create a reader that has not read any file yet."""
 
     def read(self, path: Path) -> Columns:
-        """Return the columns of a file; ValueError, which describes the fault and where, for a damaged one."""
+        """Return the columns of a file by name.
+
+        Raises:
+            ValueError: the file is damaged; the message states the fault and its position in the file.
+        """
 
 
 class BoxesInFrame(NamedTuple):
     """The N boxes that a detector has found in a frame of one camera; N may be 0.
 
     Attributes:
-        t_ns: time of the frame [ns since the Unix epoch]; it never goes back.
-        frame: number of the frame in the camera's stream; it grows, perhaps by more than 1.
-        boxes: (N, 4) left and upper edge, width and height [px].
-        scores: (N,) confidence of the detector, 0 to 1; NaN: it gives none.
-        embeddings: (N, D) appearance in the boxes; D is 0 if not given.
+        t_ns: time of the frame [ns since the Unix epoch]; it never decreases.
+        frame: number of the frame in the camera's stream; it increases, by 1 or more.
+        boxes: (N, 4) left edge, upper edge, width and height [px].
+        scores: (N,) confidence of the detector, 0 to 1; NaN: unknown.
+        embeddings: (N, D) appearance vectors of the boxes; D is 0 if there are none.
     """
 
     t_ns: int
@@ -201,9 +219,9 @@ class BoxesInFrame(NamedTuple):
 
 
 class ViewTracker(Protocol):
-    """A tracking method in the images of one camera (group `occlog.view_trackers`): an object for each camera.
+    """A tracking method in images (entry point group `occlog.view_trackers`); each camera has its own object.
 
-    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    Random numbers come from the given generator alone. A tracker does not modify its inputs, and writes nothing.
     """
 
     summary: ClassVar[str]  # one line for --help
@@ -215,7 +233,7 @@ class ViewTracker(Protocol):
     def step(self, found: BoxesInFrame) -> Ints:
         """Update the tracker with the boxes of a frame, and return their identities (N,).
 
-        From 0, each once; -1: a box without an identity (yet).
+        Identities are at least 0 and occur once per frame; -1: a box without an identity, or without one yet.
         """
 
 

@@ -23,8 +23,8 @@ class PluginKind(NamedTuple):
     """A kind of plug-in.
 
     Attributes:
-        group: of its entry points.
-        wants: what the class must have in addition to `summary` and `settings`.
+        group: entry point group under which packages register such plug-ins.
+        wants: attributes that the class must have in addition to `summary` and `settings`.
     """
 
     group: str
@@ -45,11 +45,11 @@ class Plugin(NamedTuple):
     """An installed plug-in, not imported yet.
 
     Attributes:
-        kind: a key of `KINDS`.
-        name: what it is called on the command line.
-        where: `module:class`.
-        package: that it is from.
-        version: of the package.
+        kind: kind of plug-in, a key of `KINDS`.
+        name: name on the command line.
+        where: `module:class` to import.
+        package: name of the package that provides it.
+        version: version of that package.
     """
 
     kind: str
@@ -77,7 +77,11 @@ class Plugin(NamedTuple):
             return str(error)
 
     def load(self) -> Any:
-        """Import the class; PluginError if that fails, or if it lacks what its kind requires."""
+        """Import the class of the plug-in, and return it.
+
+        Raises:
+            PluginError: the import fails, or the class lacks an attribute that its kind requires.
+        """
         from importlib import import_module
 
         module, _, name = self.where.partition(":")
@@ -93,7 +97,10 @@ class Plugin(NamedTuple):
 
 @contextmanager
 def plugin_errors(plugin: Plugin) -> Iterator[None]:
-    """Context manager that converts any exception of a plug-in to PluginError with its name, the error and the line."""
+    """Context manager that converts exceptions of a plug-in's code to PluginError.
+
+    The message has the plug-in's name, the error and its line in the code. An OcclogError is raised as it is.
+    """
     try:
         yield
     except OcclogError:
@@ -110,13 +117,19 @@ def plugin_errors(plugin: Plugin) -> Iterator[None]:
 
 
 def installed(kind: str | None = None) -> list[Plugin]:
-    """Installed plug-ins of a kind (or all), by kind and name, without duplicates."""
+    """Return the installed plug-ins of a kind (None: of all kinds), sorted by kind and name.
+
+    A plug-in of a package that is on the path several times is listed once.
+    """
     return [plugin for plugin in _installed(tuple(sys.path)) if kind in (None, plugin.kind)]
 
 
 @cache
 def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
-    """Plug-ins of the packages on the path; package metadata are cached."""
+    """Return all plug-ins of the packages on a module search path, sorted; cached, since reading metadata is slow.
+
+    `path`: value of `sys.path`.
+    """
     from importlib.metadata import distributions
 
     kinds = {kind.group: name for name, kind in KINDS.items()}
@@ -130,7 +143,7 @@ def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
 
 
 def find(name: str, *kinds: str) -> Plugin | None:
-    """Find a plug-in by name and kind; None if missing.
+    """Return the installed plug-in with a name and one of the kinds `kinds`; None if there is none.
 
     Raises:
         UsageError: several packages have one of that name.
@@ -143,7 +156,11 @@ def find(name: str, *kinds: str) -> Plugin | None:
 
 
 def named(name: str) -> list[Plugin]:
-    """All plug-ins of a name, of any kind; UsageError, with the most similar name, if missing."""
+    """Return all installed plug-ins with a name, of any kind.
+
+    Raises:
+        UsageError: there is none; the message suggests the most similar name.
+    """
     found = [plugin for plugin in installed() if plugin.name == name]
     if not found:
         raise UsageError(
@@ -157,25 +174,42 @@ class Chosen(NamedTuple):
 
     Attributes:
         plugin: the plug-in.
-        values: the given settings.
+        values: values of its settings that the user gave, by name; others have their defaults.
     """
 
     plugin: Plugin
     values: Mapping[str, object]
 
     def config(self, length_unit: str) -> Settings:
-        """Return the settings of the chosen plug-in: defaults for `length_unit`, and the values that were given."""
+        """Return the settings of the plug-in: defaults for scenes in `length_unit`, with the given values on top.
+
+        Raises:
+            PluginError: the plug-in cannot be imported, or its defaults are invalid.
+            UsageError: an unknown setting, or an invalid text.
+            SettingError: a value out of its range.
+        """
         of = self.plugin.load()
         with plugin_errors(self.plugin):
             defaults: Settings = of.settings.in_unit(length_unit)
         return configure(defaults, self.values)
 
     def make(self, length_unit: str, *more: Any) -> Any:
-        """Create an object of the plug-in; PluginError if that fails."""
+        """Return a new object of the plug-in's class.
+
+        Args:
+            length_unit: unit of lengths in which the settings' defaults are made.
+            *more: arguments of the constructor after the settings, for example the generator of random numbers.
+
+        Raises:
+            PluginError: the import or the constructor fails.
+        """
         of, config = self.plugin.load(), self.config(length_unit)
         with plugin_errors(self.plugin):
             return of(config, *more)
 
     def provenance(self, length_unit: str) -> dict[str, object]:
-        """Name, package, version and all settings, for provenance."""
+        """Return name, package and all settings of the plug-in, for the provenance of outputs.
+
+        `length_unit`: unit in which the settings' defaults are made.
+        """
         return {"name": self.plugin.name, "package": self.plugin.origin, **asdict(self.config(length_unit))}

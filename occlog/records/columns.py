@@ -22,7 +22,7 @@ MAX_NS = 2**62 - 1
 
 
 def bounded_ns(t_ns: int) -> int:
-    """Return a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
+    """Return a time or length of time `t_ns` [ns] from a file unchanged; ValueError if it is beyond +-`MAX_NS`."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
         raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
@@ -44,23 +44,31 @@ LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
 
 
 def largest(unit: str) -> float:
-    """Largest absolute value of a column in that unit; infinite unless it is a length."""
+    """Largest absolute value allowed in a column with that unit.
+
+    `MAX_LENGTH` to the power in which the unit has the length (`LENGTHS`), or `MAX_PX` for px, its square for px^2;
+    infinite for other units.
+    """
     if unit in LENGTHS:
         return MAX_LENGTH ** LENGTHS[unit]
     return {"px": MAX_PX, "px^2": MAX_PX**2}.get(unit, math.inf)
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
-    """Unit of a column with another length unit than m: `cm^2/s` for `m^2/s` and `cm`.
+    """Unit of a column, declared in metres, in the scene's unit of length: `m^2/s` with `cm` becomes `cm^2/s`.
 
-    Unchanged if it has no length.
+    A unit that is not in `LENGTHS` (`rad`, `px`) is returned unchanged.
     """
     return unit.replace("m", length_unit) if unit in LENGTHS else unit
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A table column: name, NumPy kind, width of a row (0: scalar, `ANY_WIDTH`), unit, description."""
+    """Declaration of a column of a `ColumnTable`: name, NumPy kind, width of a row, unit and description.
+
+    The width is the number of values in each row: 0 for a scalar, `ANY_WIDTH` (-1) if the file decides. `nan` is the
+    meaning of NaN, None if NaN is not allowed. Files may lack an `optional` column.
+    """
 
     name: str
     kind: str
@@ -77,19 +85,19 @@ class Column:
 
     @property
     def limits(self) -> tuple[int, int]:
-        """Smallest and largest integer of a column's kind (`i4`, `i8`, `u1`, ...)."""
+        """Smallest and largest integer of the column's kind (`i4`, `i8`, `u1`, ...), which must be one of integers."""
         bits = 8 * self.dtype.itemsize
         return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.dtype.kind == "i" else (0, (1 << bits) - 1)
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1.
+    """Dataclass field that declares a table column; an `optional` one without values is NaN, "" or, for integers, -1.
 
     Args:
         kind: NumPy type, as `f8`, `i4`, `U` (text).
-        unit: for example `px`, `rad`, `length`; `1`: none.
-        doc: what it has, without a capital.
-        nan: when the value is NaN; None: never.
+        unit: for example `px`, `rad`, `m`; `1`: none.
+        doc: meaning of the values, without a capital.
+        nan: meaning of NaN; None: NaN is not allowed.
         width: numbers in each row; 0: one, `ANY_WIDTH`: as many as the file has.
         optional: files may lack it.
     """
@@ -98,7 +106,12 @@ def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int
 
 
 class ColumnTable:
-    """Base class of tables: validation on construction, slicing, concatenation."""
+    """Base class of tables: frozen dataclasses with a NumPy array for each column, all of equal length.
+
+    A subclass declares its columns by `column`, its `NAME` in files, its `VERSION` and its sort key `KEY`. Construction
+    fills optional columns that are None with missing values, and raises InputError if dtypes, shapes or values
+    contradict the declaration.
+    """
 
     __slots__ = ()
     NAME: ClassVar[str]
@@ -117,7 +130,10 @@ class ColumnTable:
         self.check()
 
     def check(self) -> None:
-        """Raise InputError for contradictory values; refined by tables."""
+        """Raise InputError if values contradict each other; does nothing here, tables override it.
+
+        Called by the constructor after types, shapes, ranges and NaN of all columns have been checked.
+        """
 
     def __len__(self) -> int:
         return len(getattr(self, "t_ns"))  # noqa: B009
@@ -141,7 +157,7 @@ class ColumnTable:
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
-        """Concatenate the rows of several tables in order."""
+        """One table with the rows of several tables in the given order, not sorted; empty parts are ignored."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -149,7 +165,7 @@ class ColumnTable:
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
-        """Merge parts that overlap in time; rows are sorted by the key (stable)."""
+        """One table with the rows of several tables, which may overlap in time, sorted by `KEY` (stable)."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -158,18 +174,21 @@ class ColumnTable:
         return cls(**{name: column[order] for name, column in values.items()})
 
     def take(self, rows: Ints | Bools | slice) -> Self:
-        """Select rows by a mask, a slice or an index array."""
+        """New table with the selected rows; `rows` is a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
 
     def sorted(self) -> Self:
-        """Sort rows by the table's key (stable)."""
+        """Copy with the rows sorted by `KEY` (stable); an empty table is returned as it is."""
         if not len(self):
             return self
         return self.take(np.lexsort([getattr(self, name) for name in reversed(self.KEY)]))
 
 
 def _absent(c: Column, rows: int) -> NDArray[np.generic]:
-    """Default values (`rows`,) of an optional column without values."""
+    """Values of an optional column that a table with `rows` rows lacks: "", NaN or, for integers, -1.
+
+    Shape (rows,); of a column of vectors of any length (rows, 0).
+    """
     if c.kind == "U":
         return np.full(rows, "")
     if c.width == ANY_WIDTH:
@@ -183,7 +202,11 @@ def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:
 
 
 def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
-    """Concatenate the parts of a column; parts without vectors are filled with NaN."""
+    """Concatenate arrays of one column from several tables.
+
+    Vectors of any length (`ANY_WIDTH`) must have the same length in all parts, otherwise InputError; parts of width 0
+    (without such vectors) are filled with NaN.
+    """
     if c.width != ANY_WIDTH:
         return np.concatenate(parts)
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
@@ -196,7 +219,10 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
 
 
 def as_column(c: Column, values: object) -> NDArray[np.generic]:
-    """Cast array-like values to the dtype of a column; InputError if information would be lost."""
+    """Cast array-like values to the dtype of a column; empty values become an empty array of the declared shape.
+
+    InputError for fractional numbers in an integer column, and for integers outside the column's range.
+    """
     array = np.asarray(values)
     if not array.size:
         return _empty_column(c, len(array) if c.width == ANY_WIDTH else 0)
@@ -214,9 +240,10 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
 
 
 def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
-    """(n,) mask of 2 x 2 covariances, of columns (n,), that are positive semidefinite up to rounding.
+    """(n,) mask of the covariances [[xx, xy], [xy, yy]] that are positive semidefinite up to rounding.
 
-    False for NaN; xx, xy and yy are the elements.
+    The elements are given as columns (n,). False where an element is NaN. Tolerances: `ROUNDING` (relative), `TINY`
+    (absolute).
     """
     with np.errstate(invalid="ignore"):
         most = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
@@ -224,7 +251,11 @@ def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
 
 
 def check_columns(record: ColumnTable) -> None:
-    """InputError unless columns have their dtype, shape and length, times in range, and no undeclared NaN."""
+    """InputError if a column has another dtype, shape or length than declared, or a value that is not allowed.
+
+    Such values are NaN in a column that does not declare it, infinities, lengths and pixels beyond their limits
+    (`largest`), and times beyond +-`MAX_NS`.
+    """
     name = type(record).__name__
     length = None
     for c in record.columns():
@@ -268,7 +299,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
 
 
 def check_order(table: ColumnTable) -> None:
-    """InputError, with the row, if t_ns decreases in a table."""
+    """InputError, with the row, if the column `t_ns` of a table decreases from one row to the next."""
     t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
     back = np.flatnonzero(t_ns[1:] < t_ns[:-1])  # a difference could overflow
     if len(back):
@@ -280,14 +311,16 @@ def check_order(table: ColumnTable) -> None:
 
 
 def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
-    """Masks of duplicate rows, and of other rows with a repeated key, in a table sorted by its key.
+    """Masks of duplicate rows, and of rows that repeat the key with other values, in a table sorted by its key.
 
-    If the key ends in an identity, rows with -1 (none) are excluded, since several may be equal. Measurements
-    (`MEASURED`) equal to the last digit are duplicates.
+    If the last column of the key is an integer identity, rows with -1 (no identity) are in neither mask, since several
+    unidentified objects may have equal values; but two such rows with the same finite measurement (column `MEASURED`)
+    are duplicates.
 
     Args:
-        table: in the order of its key.
-        but: last column of its key, if not compared: the number that a row got when the file was read.
+        table: sorted by its `KEY`.
+        but: column of the key that is not compared, such as the number that a row got when the file was read; empty:
+            all are.
 
     Returns:
         (n,), (n,): rows that equal an earlier one in all columns; other rows with the key of an earlier row.
@@ -318,7 +351,7 @@ def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
 
 
 def is_in_key_order(table: ColumnTable) -> bool:
-    """Whether a table is sorted by its whole key, not only by time."""
+    """Whether the rows of a table are sorted by all columns of its `KEY`, first by the first of them."""
     near = np.arange(max(len(table) - 1, 0))
     for name in table.KEY:
         values = getattr(table, name)
@@ -330,7 +363,7 @@ def is_in_key_order(table: ColumnTable) -> bool:
 
 
 def check_copies(table: ColumnTable) -> None:
-    """InputError for a duplicate row, or an identity at two positions at one time."""
+    """InputError if a table, in any order, has two equal rows, or two rows of one key if keys are unique (`ONCE`)."""
     table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
     if copies.any():
@@ -344,12 +377,15 @@ def check_copies(table: ColumnTable) -> None:
 
 
 def key_of(table: ColumnTable, row: int) -> str:
-    """Values of a row's key, with names."""
+    """Text for messages: names and values of the key of the row with index `row`, as `t_ns 5, target_id 1`."""
     return ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
 
 
 def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic]:
-    """Values of column `c` in some rows, as a type in which NaN equals NaN."""
+    """Values of column `c` in the rows with the indices `rows`, in a type in which NaN equals NaN.
+
+    Floats become integers of the same bits; vectors of length 0 become zeros.
+    """
     values: NDArray[np.generic] = getattr(table, c.name)[rows]
     if not values.size:  # vectors of no numbers
         return np.zeros(len(rows))
@@ -357,7 +393,7 @@ def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic
 
 
 def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
-    """Sorted distinct integers of `labels` (n,), each with the sorted indices of its rows."""
+    """(label, sorted indices of its rows) for each distinct integer of `labels` (n,), in ascending order."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing

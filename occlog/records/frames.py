@@ -18,12 +18,12 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame of one camera; the image is decoded only when asked for.
+    """A frame of one camera, which is decoded only on request.
 
-    `decode` must be called at most once, in the order of `index` for each camera
-    (compressed video can only be decoded forwards).  It raises InputError for a
-    frame that cannot be decoded.  `encoded` is the compressed image as recorded, PNG or
-    JPEG as a rule; None: the frame is in a video.
+    `t_ns` is its time [ns since the Unix epoch], `sensor` the name of the camera, `index` its number from 0. `decode`
+    returns the image; it must be called at most once, in the order of `index` for each camera (compressed video can
+    only be decoded forwards), and raises InputError for a frame that cannot be decoded. `encoded` is the compressed
+    image as recorded, usually PNG or JPEG; None: the frame is in a video.
     """
 
     t_ns: int
@@ -38,14 +38,18 @@ LEFT_OUT = "frames_left_out"
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
-    """Entry about skipped frames in the provenance `parameters` of a source table; empty without one."""
+    """Entry `frames_left_out` of a provenance, as a dict to add to that of a derived table; {} without one.
+
+    `parameters` are the provenance parameters of the source table.
+    """
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 
 def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
-    """Skipped frame ranges (first, last) by camera, sorted; empty for invalid ones.
+    """Sorted ranges (first, last) of skipped frame numbers by camera.
 
-    `parameters` are those of a provenance.
+    They are read from the entry `frames_left_out` of the `parameters` of a provenance. Empty if `parameters` have no
+    such entry; cameras with malformed ranges are omitted.
     """
     value = parameters.get(LEFT_OUT)
     if not isinstance(value, Mapping):
@@ -58,6 +62,6 @@ def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]
 
 
 def inside(segments: list[tuple[int, int]], number: int) -> bool:
-    """Whether a number is in one of the sorted ranges (first, last)."""
+    """Whether a number is in one of the sorted, disjoint ranges (first, last), both ends included."""
     k = bisect_right(segments, (number, 2**63)) - 1
     return k >= 0 and number <= segments[k][1]

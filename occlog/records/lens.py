@@ -25,12 +25,12 @@ FAR = 4.0
 
 
 class LensCheck(NamedTuple):
-    """Result of the check of a lens in its image.
+    """Result of `check_lens`: whether the lens model can be inverted in its image.
 
     Attributes:
-        undone: the model is one-to-one in the image, or in the part that is used.
-        fold_deg: angle to the optical axis [deg] at which a lens that is not folds; NaN: unknown.
-        unused: share of the image that is beyond `MAX_FISHEYE_DEG`.
+        undone: the distortion is one-to-one in the image, or of a fisheye in the part within `MAX_FISHEYE_DEG`.
+        fold_deg: angle to the optical axis [deg] at which a distortion that is not one-to-one folds back; NaN: unknown.
+        unused: share of the image, 0 to 1, that is beyond `MAX_FISHEYE_DEG`.
     """
 
     undone: bool
@@ -39,11 +39,14 @@ class LensCheck(NamedTuple):
 
 
 def check_lens(model: str, coefficients: Floats, size: tuple[int, int], focal: Floats, principal: Floats) -> LensCheck:
-    """Check a lens on a grid of pixels.
+    """Check on a grid of pixels whether lens distortion is invertible: undistort, distort again, and compare.
+
+    It is if all pixels return to within `MAX_ROUND_TRIP_PX` and the Jacobian's determinant is positive there. Of an
+    equidistant fisheye it is determined which part of the image is usable.
 
     Args:
-        model: a key of `COEFFICIENTS`.
-        coefficients: as many as the model has.
+        model: `brown`, `opencv`, `tsai` or `equidistant`, as in `occlog.core.geometry.lens`.
+        coefficients: as many as the model has (`COEFFICIENTS`).
         size: width and height of the image [px].
         focal: (2,) focal lengths [px].
         principal: (2,) principal point [px].

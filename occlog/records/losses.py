@@ -30,7 +30,10 @@ class Loss:
 
     @property
     def minor(self) -> bool:
-        """Whether so small a share of detections was lost that the exit code stays 0 (the loss is listed anyway)."""
+        """Whether at most the share `MINOR_SHARE` of the detections was lost, so that the exit code stays 0.
+
+        False if the number lost, or the number of detections among which it is, is 0 (unknown or not detections).
+        """
         return 0 < self.count <= MINOR_SHARE * self.total
 
     def __str__(self) -> str:
@@ -38,5 +41,5 @@ class Loss:
         return f"{self.source}: {self.place}: {self.what}{lost}"
 
     def as_dict(self) -> dict[str, str | int]:
-        """Return the loss as JSON-compatible values; without those that are not known."""
+        """JSON-compatible values by name of the field; `total` is omitted if it is 0."""
         return {name: value for name, value in asdict(self).items() if value or name != "total"}

@@ -45,20 +45,20 @@ class Message(NamedTuple):
     limit: str = ""
 
     def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
-        """Text and remedy with names of sensors, targets and other values filled in."""
+        """Text and remedy, joined by "; ", with the placeholders replaced by sensors, targets and the other values."""
         template = f"{self.text}; {self.remedy}" if self.remedy else self.text
         return template.format(option=_OPTIONS, sensors=listed(sensors), targets=listed(targets), **values)
 
 
 class _Options:
-    """Access to options in a template: `{option[initial_ellipses]}`."""
+    """Mapping for templates: `{option[initial_ellipses]}` is this option in the spelling of the surface in use."""
 
     def __getitem__(self, name: str) -> str:
         return option(name)
 
 
 def listed(names: Sequence[object]) -> str:
-    """Format the first `MAX_NAMES` names, and the number of others."""
+    """First `MAX_NAMES` names, separated by commas, and how many more there are: `a, b, c, 2 more`."""
     more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
     return ", ".join([*map(str, names[:MAX_NAMES]), *more])
 
@@ -391,7 +391,23 @@ VERDICT: dict[str, Message] = {
     "camera-not-calibrated": Message(
         W,
         "camera {sensors} shares too few people with the others and is left as it was stated",
-        "record people who walk where it overlaps with another camera",
+        "record people who walk where views overlap, or from its view to others",
+    ),
+    "no-common-view": Message(
+        N,
+        "no two cameras share a view: calibrated by {count} passages of one person at a time between views, with equal "
+        "clocks",
+        "check the floor plan",
+    ),
+    "levels-not-stated": Message(
+        W,
+        "heights or inclinations are not stated: standard deviations may be 3 times too small",
+        "state them, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
+    ),
+    "passages-ambiguous": Message(
+        W,
+        "{count} of {total} passages from view to view may be of several people and are not used",
+        "record one person at a time",
     ),
     "parameter-undetermined": Message(
         W,

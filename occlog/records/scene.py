@@ -51,7 +51,12 @@ def to_ns(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class Segment:
-    """Motion of a scripted target for a section of time; constant velocity by default."""
+    """Motion of a scripted target from `from_s` to `until_s` [s after the start]; constant velocity by default.
+
+    `lateral` is an acceleration perpendicular to the velocity in the plane `plane` (`xy`, `yz` or `zx`), which makes a
+    turn; `acceleration` is constant along the world axes [scene unit/s^2]; `velocity` replaces the velocity at the
+    start of the segment [scene unit/s].
+    """
 
     from_s: float
     until_s: float = math.inf
@@ -63,7 +68,11 @@ class Segment:
 
 @dataclass(frozen=True)
 class ScriptedTarget:
-    """A scripted target, present from `from_s` to `until_s` (inclusive)."""
+    """A scripted target, present from `from_s` to `until_s` (inclusive) [s after the first step of the recording].
+
+    It starts at `position` with `velocity` and moves by its `segments`; `noise_density` adds white-noise acceleration.
+    `silent` lists intervals (from, until) in which it makes no sound.
+    """
 
     id: int
     position: Triple  # at from_s; z NaN: not known
@@ -78,7 +87,10 @@ class ScriptedTarget:
 
 @dataclass(frozen=True)
 class MotionScript:
-    """All scripted targets by number, with duration and rate of the observation if the file states them."""
+    """All scripted targets, with length unit, duration [s] and rate [Hz] of the observation.
+
+    None: the file does not state it.
+    """
 
     targets: tuple[ScriptedTarget, ...]
     length_unit: str | None = None
@@ -106,10 +118,12 @@ MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera; see `occlog.core.geometry.camera` for frames and angles.
+    """A calibrated perspective or fisheye camera; lengths in the scene's unit, angles in radians.
 
-    Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
-    without a known pose: it can be detected in, but gives no bearing.
+    Camera frame: x to the right, y down, z forward; the columns of `rotation` are these axes in the world.
+    `sigma_position` and `sigma_yaw` are standard deviations of the pose, `sigma_read_px` of a measured pixel
+    coordinate. `placed` is false for a camera without a known pose: targets are detected in its images, but it gives no
+    bearing.
     """
 
     name: str
@@ -142,11 +156,11 @@ class Camera:
         return is_straight(self.distortion, self.distortion_model)
 
     def usable(self, pixels: Floats) -> Bools:
-        """(N,) mask of recorded pixels (N, 2) with a valid line of sight (within 80 degrees for a fisheye lens)."""
+        """(N,) mask of recorded pixels (N, 2) with a valid line of sight: all, or for a fisheye within 80 degrees."""
         return is_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
 
     def to_usable(self, pixels: Floats) -> Floats:
-        """(N, 2) recorded pixels, with invalid ones moved to the edge of the usable disc."""
+        """Recorded pixels (N, 2) [px]; of a fisheye, those beyond 80 degrees are moved radially to that limit."""
         if self.distortion_model != "equidistant":
             return pixels
         moved = to_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
@@ -154,7 +168,7 @@ class Camera:
 
     @property
     def ground(self) -> Floats:
-        """(2,) centre projected to the ground."""
+        """(2,) x and y of the camera centre in the world."""
         return self.position[:2]
 
     @property
@@ -168,13 +182,16 @@ class Camera:
         return bool(self.position[2] > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
-        """(N, 3) world directions of the lines of sight through (N, 2) recorded pixels; NaN where none is usable."""
+        """(N, 3) directions in the world of the lines of sight through recorded pixels (N, 2).
+
+        NaN where none is valid.
+        """
         return cam.pixels_to_rays(
             pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
         )
 
     def project(self, points: Floats) -> Floats:
-        """(N, 2) recorded pixels of (N, 3) world points; NaN behind the camera."""
+        """(N, 2) recorded (distorted) pixels of world points (N, 3); NaN for points behind the camera."""
         return cam.points_to_pixels(
             points,
             self.position,
@@ -186,17 +203,23 @@ class Camera:
         )
 
     def bearings(self, pixels: Floats) -> Floats:
-        """(N,) azimuths [rad] of the lines of sight through (N, 2) recorded pixels."""
+        """(N,) world azimuths [rad], from +x towards +y, of the lines of sight through recorded pixels (N, 2)."""
         return cam.rays_to_azimuth(self.rays(pixels))
 
     def u_px(self, bearings: Floats) -> Floats:
-        """(N,) horizontal offsets [px] in the levelled image, to the right, of azimuths `bearings` (N,) [rad]."""
+        """(N,) horizontal pixel offsets from the principal point, to the right, of world azimuths (N,) [rad].
+
+        They are those in the undistorted and levelled image (pitch and roll 0) with the camera's yaw and focal length.
+        """
         return cam.azimuth_to_u(bearings, self.yaw, float(self.focal_px[0]))
 
 
 @dataclass(frozen=True, eq=False)
 class MicrophoneArray:
-    """A microphone array that delivers directions of arrival."""
+    """A microphone array that delivers directions of arrival; lengths in the scene's unit, angles in radians.
+
+    Frame of the array: x forward, y to the left, z up; yaw, pitch and roll turn it in the world as those of a camera.
+    """
 
     name: str
     position: Floats  # (3,)
@@ -214,7 +237,7 @@ class MicrophoneArray:
 
     @cached_property
     def rotation(self) -> Floats:
-        """(3, 3) world-from-array rotation; see `occlog.core.geometry.camera.array_rotation`."""
+        """(3, 3) world-from-array rotation; its columns are the array's axes (x forward, y left, z up) in the world."""
         return cam.array_rotation(self.yaw, self.pitch, self.roll)
 
     @property
@@ -237,7 +260,7 @@ class TagReader:
 
 @dataclass(frozen=True, eq=False)
 class Occluder:
-    """A static occluder: it hides targets behind it, as seen from a sensor."""
+    """A static occluder: a vertical prism over a polygon on the ground, which hides targets behind it."""
 
     name: str
     polygon: Floats  # (K, 2), counter-clockwise
@@ -246,7 +269,10 @@ class Occluder:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """World time = sensor time - offset - drift * (sensor time - start)."""
+    """Clock model of a sensor: world time = sensor time - offset - drift * (sensor time - start of the recording).
+
+    The offset is in ns, the drift in parts per million; both are positive if the sensor's clock is ahead or fast.
+    """
 
     name: str
     offset_ns: int = 0
@@ -255,7 +281,7 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Static environment and sensors."""
+    """Static environment and sensors: room, static occluders, cameras, microphone arrays, tag readers, clocks."""
 
     cameras: tuple[Camera, ...] = ()
     arrays: tuple[MicrophoneArray, ...] = ()
@@ -280,7 +306,7 @@ class Scene:
         return (*self.cameras, *self.arrays, *self.readers)
 
     def camera(self, name: str) -> Camera:
-        """Camera of that name; InputError lists the existing ones."""
+        """The camera with this name; InputError, which lists the existing ones, if there is none."""
         for camera in self.cameras:
             if camera.name == name:
                 return camera
@@ -289,9 +315,12 @@ class Scene:
 
     @cached_property
     def views(self) -> ViewPrior | None:
-        """Prior of target positions by the fields of view; None if the room defines it.
+        """Prior of target positions from the sensors' fields of view.
 
-        InputError for a scene with neither a room nor a sensor.
+        None if the scene has a room, which then defines it.
+
+        Raises:
+            InputError: the scene has neither a room nor a camera nor a microphone array.
         """
         if self.room is not None:
             return None
@@ -303,13 +332,17 @@ class Scene:
 
     @cached_property
     def region(self) -> Floats:
-        """(K, 2) polygon of possible target positions: the room, or else the convex hull of the visible region."""
+        """(K, 2) polygon of possible target positions: the room, or else the convex hull of what the sensors see."""
         views = self.views
         return self.surroundings if views is None else visible_region(views)
 
     @cached_property
     def surroundings(self) -> Floats:
-        """(K, 2) the room, or else a box around all sensors: extent of a simulated world, and scale of the scene."""
+        """(K, 2) room polygon, or else a box around all sensors: extent of a simulated world, and scale of the scene.
+
+        Raises:
+            InputError: the scene has neither a room nor a sensor.
+        """
         if self.room is not None:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
@@ -320,11 +353,11 @@ class Scene:
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
     def blockers(self, ground: Floats) -> tuple[Floats, ...]:
-        """Polygons that hide targets from a sensor at (2,) `ground`.
+        """Polygons (K, 2) that hide targets from a sensor at `ground` (2,) in the world.
 
-        These are the static occluders and, in a room that is not convex, the pockets
-        between room and convex hull (except one that holds the sensor itself): a sight
-        line inside the hull leaves the room if and only if it passes through a pocket.
+        These are the static occluders and, of a room that is not convex, the pockets between room and convex hull,
+        except one that contains the sensor itself: a line of sight inside the hull leaves the room if and only if it
+        passes through a pocket.
         """
         walls = () if self.room is None else pockets(self.room)
         here = np.asarray(ground, dtype=np.float64)[None, :2]
@@ -335,16 +368,27 @@ class Scene:
 
 
 def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-camera rotation of yaw, pitch and roll [rad]; see `occlog.core.geometry.camera`."""
+    """(3, 3) world-from-camera rotation for yaw (from +x towards +y), pitch (up) and roll [rad].
+
+    Roll is clockwise as seen from behind the camera.
+    """
     return cam.rotation_from_angles(yaw, pitch, roll)
 
 
 def _border_rays(
     size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
 ) -> Floats:
-    """(132, 3) rays in the world of the image border, or of the edge of the usable disc where it is inside.
+    """(132, 3) directions in the world through 33 points on each side of the image border.
 
-    Arguments as in `camera_fov`.
+    Of a fisheye, points outside the usable disc are moved to its edge.
+
+    Args:
+        size: width and height of the image [px].
+        focal_px: (2,) focal lengths.
+        principal_px: (2,) principal point.
+        distortion: coefficients of the lens model.
+        model: name of the lens model.
+        rotation: (3, 3) world-from-camera rotation.
     """
     w, h = size
     across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
@@ -359,10 +403,10 @@ def _border_rays(
 def camera_fov(
     size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
 ) -> float:
-    """Full horizontal field of view [rad]: twice the largest azimuth, off the optical axis, of a border pixel.
+    """Full horizontal field of view [rad], at most 2 pi: twice the largest azimuth, off the axis, of a border pixel.
 
-    A pitched camera sees a wider range of azimuths at the near edge of the floor;
-    lines of sight steeper than 75 degrees are omitted, where azimuth loses its meaning.
+    A pitched camera sees a wider range of azimuths at the near edge of the floor; lines of sight steeper than 75
+    degrees are omitted, where azimuth loses its meaning. 2 pi if all are.
 
     Args:
         size: width and height of the image [px].
@@ -386,17 +430,17 @@ SIDE = 1024.0
 
 
 def map_origin(cameras: Sequence[Camera]) -> Floats:
-    """(2,) grid point (spacing `SIDE`) nearest to the mean ground position of the cameras, at least one."""
+    """(2,) point of a grid with spacing `SIDE` nearest to the mean ground position of the cameras (at least one)."""
     return np.asarray(SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE))
 
 
 def camera_from(camera: Camera, origin: Floats) -> Camera:
-    """The camera with its position relative to an origin (2,)."""
+    """Copy of the camera with its position relative to an origin (2,) on the ground."""
     return replace(camera, position=camera.position - np.append(origin, 0.0))
 
 
 def scene_from(scene: Scene, origin: Floats) -> Scene:
-    """The scene with all positions relative to an origin (2,)."""
+    """Copy of the scene with all positions relative to an origin (2,) on the ground."""
     by = np.append(origin, 0.0)
     return replace(
         scene,
@@ -423,7 +467,10 @@ BELOW_HORIZON = np.radians(0.5)
 
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
-    """(2,) lower and (2,) upper corner of a box around all sensors, with a margin of 1 unit and a tenth of its size."""
+    """Lower and upper corner, (2,) each, of a ground rectangle around all sensors.
+
+    The margin on each side is 1 scene unit and a tenth of the longer side.
+    """
     positions = np.array([s.position[:2] for s in scene.sensors])
     low, high = positions.min(axis=0), positions.max(axis=0)
     pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
@@ -431,7 +478,10 @@ def box_around(scene: Scene) -> tuple[Floats, Floats]:
 
 
 def view_prior(scene: Scene) -> ViewPrior:
-    """Prior of target positions from the visible regions of the sensors with poses, or of all if none has one.
+    """Mixture prior of target positions on the ground: a circular sector for each camera, a disc for each array.
+
+    Sensors with poses have equal weights, others 0; if no camera has a pose and there is no array, all are equal. Tag
+    readers have no part in it, except in the box around the sensors.
 
     Args:
         scene: with at least one sensor.
@@ -456,7 +506,10 @@ def view_prior(scene: Scene) -> ViewPrior:
 
 
 def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
-    """Maximum distance at which a camera sees a target, in the scene's unit.
+    """Maximum distance at which a camera sees a target, in the scene's unit: its `range` if finite, else estimated.
+
+    The estimate is the distance at which a person takes up the share `MIN_SHARE` of the field of view, at least
+    `least`. If the upper image border is below the horizon, it is at most the distance of the farthest visible ground.
 
     Args:
         camera: with a pose.
@@ -476,7 +529,10 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
 
 
 def highest_elevation(camera: Camera) -> float | None:
-    """Highest elevation [rad] of a ray through the image border; None if the image size is unknown."""
+    """Highest elevation [rad] above the horizontal of the rays through the image border.
+
+    None if the image size is unknown.
+    """
     if camera.image_size is None:
         return None
     rays = _border_rays(
@@ -491,9 +547,9 @@ def highest_elevation(camera: Camera) -> float | None:
 
 
 def visible_region(prior: ViewPrior) -> Floats:
-    """(K, 2) convex polygon, counter-clockwise, that holds all that sensors see and the box around them.
+    """(K, 2) convex polygon, counter-clockwise, around the fields of view of all sensors and the box around them.
 
-    Targets cross the gaps between views, so the region has none.
+    It is the convex hull, so that it has no gaps between views, which targets cross.
     """
     (x0, y0), (x1, y1) = prior.low, prior.high
     points = [np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), prior.origin]

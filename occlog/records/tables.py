@@ -95,15 +95,20 @@ WIDER: tuple[type[ColumnTable], ...] = (FusedTracks, TagTracks, PeopleTracks, Jo
 
 
 def has_all_columns(table: type[ColumnTable]) -> bool:
-    """Whether a class declares all columns of its table (rows of a partial class may be equal)."""
+    """Whether a class is the published table of its `NAME` or a subclass, and so declares all of its columns.
+
+    False for a class that reads a part of the columns only: rows of it may be equal without being duplicates.
+    """
     return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
 
 
 def table_with(name: str, columns: Collection[str]) -> type[ColumnTable]:
-    """Variant of the named table that has most of a file's columns (of several, the one with fewest others).
+    """Class for a file with these columns: the named table, or a variant with more columns (`WIDER`).
+
+    It is the one that lacks the fewest columns of the file and, among equals, has the fewest that the file lacks.
 
     Args:
-        name: one of `TABLES`.
+        name: a key of `TABLES`.
         columns: names of the columns in the file.
     """
     names = set(columns)
@@ -173,13 +178,13 @@ def times(table: ColumnTable) -> Ints:
 
 
 def whole_times(chunks: Iterable[T]) -> Iterator[T]:
-    """Rechunk rows so that no time is split.
+    """Rechunk rows so that all rows of one time are in the same chunk; empty chunks are dropped.
 
     Args:
         chunks: in the order of time; a time may be split over several of them.
 
     Raises:
-        InputError: a chunk begins before the one ahead of it ends.
+        InputError: a chunk begins before the end of the previous one.
     """
     held: T | None = None
     for chunk in chunks:
@@ -199,13 +204,13 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
 
 
 class TableWindow(NamedTuple, Generic[A, B]):
-    """Rows of two tables in a time segment, with margins.
+    """Rows of two tables in one time segment [begin, end), without and with a margin around it.
 
     Attributes:
-        a: rows of the first table from the beginning of the segment to its end, which is omitted.
-        b: rows of the second table, likewise.
-        about_a: these rows of the first table and those that are at most the margin away from the segment.
-        about_b: of the second table, likewise.
+        a: rows of the first table in the segment.
+        b: rows of the second table in the segment.
+        about_a: rows of the first table in the segment and at most the margin away from it.
+        about_b: rows of the second table in the segment and at most the margin away from it.
     """
 
     a: A
@@ -215,20 +220,20 @@ class TableWindow(NamedTuple, Generic[A, B]):
 
 
 class TableBuffer(Generic[T]):
-    """Buffered chunks of one table.
+    """Buffer of rows of one table that is read chunk by chunk, for reading several tables in parallel.
 
     Attributes:
-        rows: those that were read and are still needed.
-        until: rows before this time have all arrived; `LAST`: all have.
+        rows: rows that were read and are not yet dropped by the reader.
+        until: all rows before this time [ns] are in the buffer; `LAST`: the table is complete.
     """
 
     def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
-        """Start before the first chunk.
+        """Prepare to read; nothing is read yet.
 
         Args:
             chunks: of one table, in the order of time.
             kind: type of the table.
-            name: of the table in messages.
+            name: of the table in messages; empty: `kind.NAME`.
         """
         self._chunks = iter(chunks)
         self._kind = kind
@@ -239,7 +244,13 @@ class TableBuffer(Generic[T]):
         self.until = FIRST
 
     def pull(self) -> None:
-        """Read the next chunk with rows; with the last one all rows have arrived."""
+        """Append the next chunk that has rows to `rows`, and set `until` to its last time.
+
+        With the last chunk `until` becomes `LAST`.
+
+        Raises:
+            InputError: the chunk begins before the end of the previous one.
+        """
         if not self._begun:
             self._next, self._begun = self._read(), True
         chunk = self._next
@@ -260,41 +271,45 @@ class TableBuffer(Generic[T]):
         return next((chunk for chunk in self._chunks if len(chunk)), None)
 
     def between(self, low: int, high: int) -> T:
-        """Rows in [low, high); all from `low` on if `high` is `LAST`."""
+        """Buffered rows with times in [low, high) [ns]; all from `low` on if `high` is `LAST`."""
         at = times(self.rows)
         stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
         return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
 
 
 class Limits(NamedTuple):
-    """A time segment.
+    """A time segment [begin, end).
 
     Attributes:
-        begin: its first time step.
-        end: that after its last one, which is omitted; `LAST`: missing.
+        begin: first time of the segment [ns].
+        end: first time after it [ns]; `LAST`: the segment has no end.
     """
 
     begin: int
     end: int
 
     def of(self, side: TableBuffer[T]) -> T:
-        """Rows of a table in the segment."""
+        """Buffered rows of a table in the segment."""
         return side.between(self.begin, self.end)
 
     def about(self, side: TableBuffer[T], before_ns: int, after_ns: int | None = None) -> T:
-        """Rows of the segment and of margins around it; `after_ns` None: as `before_ns`."""
+        """Buffered rows of a table in the segment and in margins [ns] before and after it.
+
+        `after_ns` None: as `before_ns`.
+        """
         after = before_ns if after_ns is None else after_ns
         return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
 
 
 def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
-    """Generate time segments of tables in parallel, which together cover every row once.
+    """Read several tables in parallel and yield time segments that together cover all times once, in order.
 
-    Within a segment the buffers also hold the rows of the margins.
+    While a segment is processed, each buffer holds the rows of its table in the segment and in the margins around it;
+    older rows are dropped afterwards.
 
     Args:
-        sides: tables of which nothing is read yet.
-        margins_ns: of each how far about a segment rows are there, >= 0.
+        sides: buffers of the tables, not yet read.
+        margins_ns: margin of each table before and after a segment [ns], >= 0.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -319,13 +334,15 @@ def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Ite
 def windows(
     a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int
 ) -> Iterator[TableWindow[A, B]]:
-    """Generate the rows of two tables by segments (`in_step`), with margins.
+    """Read two tables in parallel and yield the rows of both for successive time segments, with margins.
+
+    Segments in which neither table has rows are omitted.
 
     Args:
         a: chunks of the first table in the order of time; a time may be split over two chunks.
-        b: chunks of the second table, likewise.
-        kinds: of the tables.
-        margin_ns: how far about a segment rows are given along with it, >= 0.
+        b: chunks of the second table, in the order of time.
+        kinds: types of the two tables.
+        margin_ns: margin before and after a segment in which rows are also given [ns], >= 0.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.

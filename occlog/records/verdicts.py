@@ -21,7 +21,7 @@ MAX_FINDINGS = 20
 
 
 class Check(Struct, frozen=True, omit_defaults=True):
-    """A check of a stage's results."""
+    """Outcome of one check of a stage's results: its name and status, and of a finding its id, text and figures."""
 
     name: Annotated[str, Meta(description="What was checked, as words of a list: `track loss`.")]
     status: Annotated[
@@ -41,7 +41,7 @@ class Check(Struct, frozen=True, omit_defaults=True):
 
     @property
     def found(self) -> bool:
-        """Whether there is a finding that the user must know."""
+        """Whether the check has a finding (a warning or a note) that the user must know."""
         return bool(self.id)
 
     @property
@@ -51,7 +51,7 @@ class Check(Struct, frozen=True, omit_defaults=True):
 
 
 class Verdict(Struct, frozen=True, omit_defaults=True):
-    """Checks of a stage, with findings."""
+    """All checks of one stage, with their findings, and whether the results are plausible."""
 
     stage: Annotated[str, Meta(description="The command that made the checks.")]
     plausible: Annotated[bool | None, Meta(description="Whether no check failed; null: no check could be made.")]
@@ -59,7 +59,11 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of(cls, stage: str, checks: Iterable[Check]) -> Verdict:
-        """Verdict of a stage; of findings with one id, the first `MAX_FINDINGS` are listed."""
+        """Build the verdict of a stage from its checks; options in their texts are spelled for the surface in use.
+
+        Of findings with one id the first `MAX_FINDINGS` are kept, and the text of the last of them states how many more
+        there were.
+        """
         kept: list[Check] = []
         of_id: dict[str, list[Check]] = {}
         for check in checks:
@@ -85,16 +89,16 @@ def finding(
     targets: Iterable[int] = (),
     **values: float | str,
 ) -> Check:
-    """Create a failed check (`warning`), or a passed one with a remark (`note`).
+    """Create a check with a finding: failed if the severity is `warning`, else passed with a remark (`note`).
 
     Args:
         check: what was checked.
         id: of what was found, in `occlog.records.messages.VERDICT`.
         severity: `warning` if the results are not to be accepted as they are; None: that of the message.
-        sensors: names of those that are affected.
-        targets: ids of those that are affected.
-        **values: of the fields of the message; numbers are also the figures of the check, with the limit as `allowed`,
-            unless they are not finite.
+        sensors: names of the affected sensors.
+        targets: identities of the affected targets.
+        **values: of the fields of the message; finite numbers are also the figures of the check, with the limit as
+            `allowed`.
     """
     message, names, ids = VERDICT[id], tuple(sensors), tuple(targets)
     status: Status = "failed" if (severity or message.severity) == "warning" else "passed"
@@ -103,13 +107,13 @@ def finding(
 
 
 def outcome(name: str, findings: Iterable[Check], *, unless: str = "", **figures: float) -> tuple[Check, ...]:
-    """Findings of a check; without any, the check itself as passed.
+    """The findings of a check or, without any, one check with the status `passed` or `not applicable`.
 
     Args:
         name: what is checked.
         findings: what is found.
         unless: why the check could not be made; empty: it could be.
-        **figures: what was measured.
+        **figures: what was measured, for a check that passed.
     """
     found = tuple(findings)
     if found:
@@ -131,7 +135,7 @@ def plausible(checks: Iterable[Check]) -> bool | None:
 
 
 def counts_of(checks: Iterable[Check]) -> str:
-    """Numbers of checks by outcome; `nothing` if there is none."""
+    """Text with the numbers of checks by outcome, as `3 passed (1 with a note), 1 failed`; `nothing` without checks."""
     made = tuple(checks)
     by_status = Counter(check.status for check in made)
     noted = sum(check.found and check.status == "passed" for check in made)
@@ -141,7 +145,7 @@ def counts_of(checks: Iterable[Check]) -> str:
 
 
 def findings(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """Those of the checks that have findings, in order."""
+    """The checks that have findings, in the given order."""
     return tuple(check for check in checks if check.found)
 
 
@@ -152,7 +156,7 @@ def all_plausible(verdicts: Iterable[Verdict]) -> bool | None:
 
 
 def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
-    """Verdicts without duplicates, in order."""
+    """The verdicts without equal ones, in the order of first appearance."""
     kept: list[Verdict] = []
     for verdict in verdicts:
         if verdict not in kept:
@@ -161,7 +165,10 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Findings with their stages; of those repeated by a later stage (same sensors and targets) only the last."""
+    """(stage, check) of all findings; of a finding that a later stage repeats only the last is kept.
+
+    Findings are the same if id, status, sensors and targets are equal.
+    """
     kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
         found = findings(verdict.checks)
@@ -171,13 +178,14 @@ def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]
 
 
 def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...]]:
-    """Key of a finding: id, status, sensors and targets."""
+    """Id, status, sensors and targets of a finding: findings of two stages with equal ones are the same."""
     return check.id, check.status, check.sensors, check.targets
 
 
 def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
-    """Lines for the findings: warnings and notes of the stage `own`, and warnings of other stages with their names.
+    """Lines for the terminal, one per finding.
 
+    They are `SEVERITY: text` for findings of the stage `own`, and `warning: STAGE: text` for failures of other stages.
     A finding repeated by a later stage is listed once.
     """
     return tuple(
@@ -188,7 +196,10 @@ def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
 
 
 def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
-    """The verdict for a summary: `plausible`, and `warnings` with stage, id, message, sensors, targets and figures."""
+    """Entries for a JSON summary: `plausible`, and `warnings` with stage, id, message, sensors, targets and figures.
+
+    Only failed checks are listed; empty without verdicts.
+    """
     if not verdicts:
         return {}
     warnings = [
@@ -207,10 +218,10 @@ def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
 
 
 def made_checks(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Outcome of each check with its stage, in the order of the stages.
+    """(stage, check) for each check, in the order in which they were first made.
 
-    For a check made by several stages, findings are kept, or else the last result; "not applicable" is kept only if no
-    stage could make it.
+    If a check was made by several stages, its findings are kept, or else its last result; "not applicable" is kept only
+    if no stage could make it.
     """
     by_name: dict[str, list[tuple[str, Check]]] = {}
     for verdict in verdicts:

@@ -12,7 +12,15 @@ SOURCES = ("calibration", "matches")
 
 
 class PointMatches(NamedTuple):
-    """Pixels of the same points in two views."""
+    """Pixels of the same points in two views.
+
+    Attributes:
+        a: name of the first camera.
+        b: name of the second camera.
+        points_a: (N, 2) pixels in the first view, as recorded.
+        points_b: (N, 2) pixels of the same points in the second view.
+        where: description of their source, for messages.
+    """
 
     a: str  # name of the first camera
     b: str
@@ -22,21 +30,22 @@ class PointMatches(NamedTuple):
 
 
 class ViewPair(NamedTuple):
-    """The fundamental matrix of two views, see `occlog.core.geometry.fundamental`.
+    """Fundamental matrix of two views, with its source and quality.
 
     Attributes:
         a: name of the first camera.
         b: name of the second camera.
-        matrix: (3, 3); maps a point of view a to its line in view b, b' F a = 0.
+        matrix: (3, 3) F; maps a pixel of view a, in homogeneous coordinates, to its epipolar line in view b: b' F a =
+            0.
         source: `calibration` or `matches`.
         noise_px: standard deviation of a coordinate of the matches; NaN: not known.
-        error_px: expected error of the lines; NaN: not known.
-        undistorted: it is for pixels of which the lens distortion that the scene states was taken; else for
+        error_px: expected error of the epipolar lines [px]; NaN: not known.
+        undistorted: True: it is for pixels after removal of the lens distortion that the scene states; False: for
             pixels as recorded (the same for cameras without distortion).
-        affine: parallel rays: cameras far away with long lenses.
-        matches: how many it was estimated from; 0: none.
-        inliers: how many of them agree.
-        parallax_px: how far they are from those of one plane; NaN: not known.
+        affine: an affine fundamental matrix: parallel rays, of distant cameras with long lenses.
+        matches: number of point matches it was estimated from; 0: none.
+        inliers: how many of them agree with it.
+        parallax_px: distance of the matches from a common plane homography; NaN: not known.
     """
 
     a: str
@@ -53,14 +62,14 @@ class ViewPair(NamedTuple):
 
 
 class ViewPairs(NamedTuple):
-    """Known pairs of views; each pair once, in either order."""
+    """Pairs of views with known fundamental matrices; each pair once, in either order."""
 
     pairs: tuple[ViewPair, ...]
 
     def find(self, a: str, b: str) -> ViewPair | None:
-        """Pair of two views, transposed if required so that its matrix maps points of a to lines of b.
+        """The pair of two cameras, given by name, with a matrix that maps points of a to lines in b; None if unknown.
 
-        None if unknown.
+        A pair stored as (b, a) is transposed, and its names exchanged.
         """
         for pair in self.pairs:
             if (pair.a, pair.b) == (a, b):

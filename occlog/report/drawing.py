@@ -50,7 +50,12 @@ def template(name: str, package: str = "occlog.report", folder: str = "templates
 
 
 class PageScript(NamedTuple):
-    """A script of a page, with the SHA-256 for its Content Security Policy."""
+    """A script of a page.
+
+    Attributes:
+        text: the script.
+        digest: its SHA-256, for the page's Content Security Policy.
+    """
 
     text: Markup
     digest: str
@@ -150,7 +155,7 @@ LABEL_LENGTH = 28
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Context manager: house style, independent of the user's Matplotlib settings.
+    """Context manager for drawing figures in the report's style, independent of the user's Matplotlib settings.
 
     Warnings about glyphs missing in the font are suppressed, since the page uses the reader's fonts.
     """
@@ -162,7 +167,7 @@ def house_style() -> Iterator[None]:
 
 
 def target_colour(index: int) -> str:
-    """Colour of the target with this index (repeated after six)."""
+    """Return the colour of the target with this index, as hex text; colours repeat after six."""
     return COLOURS[TARGET_COLOURS[index % len(TARGET_COLOURS)]]
 
 
@@ -240,7 +245,7 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 
 def _shrink(text: str, prefix: str) -> str:
-    """Return an SVG text with shorter tags, and ids that begin with `prefix`; text between tags is unchanged."""
+    """Return SVG text with shorter tags, and ids that begin with `prefix`; text between tags is unchanged."""
     # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
@@ -258,7 +263,7 @@ def _tag(tag: str, used: Mapping[str, int], prefix: str) -> str:
 
 
 def _attributes(style: str) -> str:
-    """Return CSS declarations (`style`) as presentation attributes, with colours as CSS variables of the page."""
+    """Return CSS declarations (`style`) as SVG presentation attributes, with colours as CSS variables of the page."""
     out = []
     for declaration in style.split(";"):
         name, _, value = (part.strip() for part in declaration.partition(":"))
@@ -277,7 +282,7 @@ def _variable(match: re.Match[str]) -> str:
 
 
 def _numbers(value: str) -> str:
-    """Return the `value` of an SVG attribute with coordinates [points] rounded to two decimals."""
+    """Return the `value` of an SVG attribute with numbers rounded to two decimals and without superfluous spaces."""
     value = " ".join(value.split())
     value = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), value)
     return re.sub(r" ?([A-Za-z]) (?=[-\d])", r"\1", value) if value[:1] == "M" else value
@@ -285,7 +290,14 @@ def _numbers(value: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure of the page: SVG, heading, description, and position of its time axis."""
+    """A figure of the page.
+
+    Attributes:
+        heading: heading of the figure.
+        svg: the drawing.
+        caption: description of what it shows.
+        time: position of its time axis; None: it has none.
+    """
 
     heading: str
     svg: Markup
@@ -294,7 +306,10 @@ class Plot:
 
 
 class TimeSpan(NamedTuple):
-    """Time axis of a figure: ends as shares of the width, and their times in the page's unit."""
+    """Position of a figure's time axis: ends `x0`, `x1` as shares of the width, and their times `t0`, `t1`.
+
+    Times are in the unit of the page's axis.
+    """
 
     x0: float
     x1: float
@@ -303,12 +318,12 @@ class TimeSpan(NamedTuple):
 
 
 def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
-    """Draw a figure (inside `house_style`).
+    """Draw a figure as SVG for the page; must be called inside `house_style`.
 
     Args:
-        name: of its parts in the page.
-        heading: of the figure.
-        caption: what it states in words.
+        name: prefix of ids in the page.
+        heading: heading of the figure.
+        caption: description in words.
         size: width and height [inches].
         draw: draws into an empty figure.
     """
@@ -319,7 +334,7 @@ def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw:
 
 
 def _time_of(canvas: Canvas) -> TimeSpan | None:
-    """Position of the time axis of a figure; None without one."""
+    """Return the position of the time axis in a figure (recognised by its label); None without one."""
     for axes in canvas.axes:
         if axes.get_xlabel().startswith(TIME_LABEL):
             box, (t0, t1) = axes.get_position(), axes.get_xlim()
@@ -332,20 +347,20 @@ GAP = 5.0
 
 
 def buckets_of(n: int, buckets: int) -> tuple[int, int]:
-    """Rows per bucket, and number of buckets, for n rows."""
+    """Return the number of rows per bucket, and the number of buckets (at most `buckets`), to divide n rows."""
     width = max(1, -(-n // buckets))
     return width, -(-n // width)
 
 
 def extremes(values: Floats, buckets: int) -> Ints:
-    """Sorted indices of the minimum and maximum in each of `buckets` sections, and both ends.
+    """Return sorted indices of the minimum and maximum of each of some sections of a series, and of both ends.
 
     Args:
         values: (N,) samples; NaN is never an extreme.
-        buckets: number of sections of equal count; at most 2 * buckets + 2 indices come back.
+        buckets: number of sections of equal count.
 
     Returns:
-        (K,) indices; all of them when there are few.
+        (K,) indices, at most 2 * buckets + 2; all N if N is at most 2 * buckets.
     """
     n = len(values)
     if n <= 2 * buckets:
@@ -361,14 +376,17 @@ def extremes(values: Floats, buckets: int) -> Ints:
 
 
 def thin_path(xy: Floats, buckets: int) -> Ints:
-    """Return sorted indices of points of a path `xy` (N, 2): extremes of x and y in each of `buckets` sections."""
+    """Return sorted indices of the points of a path `xy` (N, 2) that keep its shape when it is thinned.
+
+    They are the extremes of x and y in each of `buckets` sections.
+    """
     return np.union1d(extremes(xy[:, 0], buckets), extremes(xy[:, 1], buckets))
 
 
 def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats, Floats, Floats]:
     """Return times, minima of `low` and maxima of `high` in each of `buckets` sections of N samples.
 
-    `t`: (N,) times; up to 2 `buckets` samples are returned as they are.
+    `t`, `low`, `high`: (N,); up to 2 `buckets` samples are returned unchanged.
     """
     n = len(t)
     if n <= 2 * buckets:
@@ -381,7 +399,7 @@ def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats
 
 
 def gaps(t_ns: Ints) -> Bools:
-    """(N,) mask of times after an unusually long gap, where a line is broken."""
+    """Return the mask (N,) of times after an unusually long gap (`GAP` median steps), where a line is broken."""
     out = np.zeros(len(t_ns), dtype=bool)
     if len(t_ns) > 2:
         steps = np.diff(t_ns)
@@ -390,15 +408,15 @@ def gaps(t_ns: Ints) -> Bools:
 
 
 def broken(t_ns: Ints, keep: Ints, *series: Floats) -> tuple[Floats, ...]:
-    """Thinned samples of each series with NaN before gaps, for a line plot.
+    """Return the kept samples of each series, with NaN inserted at gaps in time, for a line plot.
 
     Args:
-        t_ns: (N,) times of all samples.
+        t_ns: (N,) times of all samples [ns].
         keep: (K,) ascending indices of the samples to draw.
         series: arrays (N,) on the same times.
 
     Returns:
-        One array (K + gaps,) a series.
+        One array (K + gaps,) for each series.
     """
     before = np.concatenate([[0], np.cumsum(gaps(t_ns))])[1:][keep]
     at = np.flatnonzero(np.diff(before) > 0) + 1
@@ -406,10 +424,9 @@ def broken(t_ns: Ints, keep: Ints, *series: Floats) -> tuple[Floats, ...]:
 
 
 def sensible_top(*series: Floats) -> float:
-    """Upper limit of an axis that ignores few outliers.
+    """Return an upper limit for an axis that ignores few outliers; 1 without finite values.
 
-    The maximum if it is at most twice the 99th percentile, else 1.3 times that percentile; at least a tiny positive
-    number.
+    1.06 times the maximum if that is at most twice the 99th percentile, else 1.3 times the percentile; at least 1e-9.
     """
     values = np.concatenate([s[np.isfinite(s)] for s in series]) if series else np.empty(0)
     if not len(values):

@@ -102,7 +102,7 @@ STEP = np.dtype([("group", "i8"), ("step", "f8")])
 
 
 class Posts:
-    """Estimates on both sides of gaps, for interpolation over gaps of any width."""
+    """Estimates on both sides of wide gaps of tracks, kept from a stream, to interpolate over gaps of any width."""
 
     def __init__(self) -> None:
         """Create a store without estimates."""
@@ -111,7 +111,7 @@ class Posts:
         self._all: Tracks | None = None
 
     def add(self, tracks: Tracks) -> None:
-        """Add rows in the order of time; those on both sides of wide gaps, and the last of each target, are kept."""
+        """Add rows in the order of time; only rows next to wide gaps and the last row of each target are kept."""
         own = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
         both = Tracks.concat([self._last, Tracks(**own)])
         order = np.lexsort((both.t_ns, both.target_id))
@@ -121,7 +121,10 @@ class Posts:
         self._last = both.take(np.sort(order[np.append(np.diff(target) != 0, True)]))
 
     def about(self, limits: Limits, side: TableBuffer[Tracks]) -> Tracks:
-        """All estimates around those of a time interval; `side` has those within `NEAR_NS`."""
+        """Return the estimates in and around a time interval, and all kept ones far from it.
+
+        `side`: buffer of the tracks with all rows within `NEAR_NS` of the interval.
+        """
         if self._all is None:
             found = Tracks.merge(self._parts)
             _, first = np.unique(np.column_stack([found.t_ns, found.target_id]), axis=0, return_index=True)
@@ -137,15 +140,15 @@ class Posts:
 
 @dataclass(frozen=True)
 class BearingReference:
-    """Tracks and settings with which bearings are compared.
+    """Tracks with which bearings are compared.
 
     Attributes:
-        tracks: gives all estimates, as often as requested.
-        diagnostics: gives one row for each of them; None: not known.
-        posts: of all estimates.
-        evidence: takes what bearings state for and against them.
-        made: how they were made.
-        without: targets without known errors, for the distances from triangulated positions.
+        tracks: returns an iterator over all estimates, at each call.
+        diagnostics: returns an iterator over diagnostics at each call, one row for each estimate; None: unknown.
+        posts: estimates next to wide gaps.
+        evidence: receives what bearings say for and against the tracks.
+        made: provenance of the tracks.
+        without: targets without known errors, which get distances from triangulated positions.
     """
 
     tracks: Callable[[], Iterator[Tracks]]
@@ -158,15 +161,15 @@ class BearingReference:
 
 @dataclass
 class ThinnedBearings:
-    """Bearings, of which a part is drawn.
+    """Bearings of which a part is drawn, and figures of all.
 
     Attributes:
-        table: those of the time steps.
-        whole: figures of all rows.
-        coverage: their summary.
-        every: every n-th time step has its bearings.
-        residuals: of each track.
-        sight: distances of each track of which no error is known.
+        table: bearings at the shown time steps.
+        whole: number and times of all rows.
+        coverage: which sensor detected which target when.
+        every: every k-th time step of the replay shows its bearings.
+        residuals: residuals of each track, by identity.
+        sight: distances from triangulated positions of each track without known errors.
     """
 
     table: Bearings
@@ -178,7 +181,7 @@ class ThinnedBearings:
 
 
 class _Periods:
-    """Accumulated intervals between bearings, from which the scan period of each target follows."""
+    """Accumulated intervals between bearings, from which the scan period of each of the `targets` follows."""
 
     def __init__(self, scene: Scene, targets: frozenset[int]) -> None:
         self._scene, self._targets = scene, sorted(targets)
@@ -202,7 +205,7 @@ class _Periods:
                 self._steps.append(rows)
 
     def periods_ns(self) -> dict[int, int | None]:
-        """Scan period of each target; None if its sensors share times."""
+        """Return the scan period [ns] of each target; None if its sensors share times."""
         out: dict[int, int | None] = {t: None for t in self._targets if 2 * self._together[t] >= self._rows[t]}
         if len(out) < len(self._targets):
             self._steps.end()
@@ -225,15 +228,15 @@ def bearings_of(
     reference: BearingReference | None,
     most: int = sys.maxsize,
 ) -> ThinnedBearings:
-    """Read the bearings for a report in two passes: counts first, then a subsample for drawing.
+    """Read the bearings for a report in two passes: first counts, then residuals and the part that is drawn.
 
     Args:
-        stream: gives them, in the order of time, as often as requested.
+        stream: returns an iterator over them, in the order of time, at each call.
         scene: the sensors.
-        targets: that are tracked.
-        time_steps: times that the replay shows, and the usual time between two of all times [ns].
-        reference: the other side of the comparison; None: nothing.
-        most: how many of them are drawn, about.
+        targets: identities of the tracked targets.
+        time_steps: (M,) times of the replay [ns], and the usual interval of all times [ns].
+        reference: tracks to compare with; None: no comparison.
+        most: approximate number of bearings to draw.
     """
     observations, steps, times, span = ObservationStreams(), Spool(), 0, (0, 0)
     kept, step_ns = time_steps
@@ -275,12 +278,14 @@ def bearings_of(
 def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, reference: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
-    """Generate sections of bearings with the estimates around them, and add them to the evidence.
+    """Generate the bearings of successive time intervals, each with the estimates around them.
+
+    The evidence of the `reference` is updated on the way.
 
     Args:
-        stream: generates the bearings.
+        stream: returns an iterator over the bearings.
         scene: the sensors.
-        reference: tracks, diagnostics, and the evidence that is updated.
+        reference: tracks and diagnostics.
     """
     sight = SightEvidence(reference.evidence, scene, reference.made, ())
     tracks, bearings = TableBuffer(reference.tracks(), Tracks), TableBuffer(stream(), Bearings)
@@ -303,27 +308,27 @@ TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "even
 
 @dataclass(frozen=True, eq=False)
 class ReportFigures:
-    """Figures computed from all rows, for a page; None for missing tables.
+    """Figures of a page that are computed from all rows; None for missing tables.
 
     Attributes:
-        whole: of each table that is given, by its name.
-        times: (M,) times that the replay shows; none where nothing moves.
-        every: of all times of what moves every n-th is one of these.
-        sight_every: every n-th time step has lines of sight.
-        priors_every: every n-th time step has occluders as the tracker knew them.
-        errors: of all errors.
-        errors_so_far: (N,) RMSE of the target of each error that is drawn, up to it.
-        bound: of errors and the bound.
-        bound_so_far: (N, 2) root mean square of each bound that is drawn and of all before it, and of smoothing.
-        coverage: of all bearings.
-        residuals: of each track.
-        sight: distances of each track with unknown errors.
-        people: of all estimates of all people; None: tracks are not of all people.
-        filter_diagnostics: of all diagnostics.
+        whole: number and times of all rows of each given table, by name.
+        times: (M,) times of the replay [ns]; empty if nothing moves.
+        every: every k-th time of the tracks (or truth) is one of these.
+        sight_every: every k-th time step of the replay shows lines of sight.
+        priors_every: every k-th time step of the replay shows occluders as the tracker knew them.
+        errors: RMSE and largest error of each target.
+        errors_so_far: (N,) for each drawn error, the RMSE of its target up to it.
+        bound: sums of errors and bounds at common times.
+        bound_so_far: (N, 2) for each drawn row of the bound, root mean square up to it, of filtering and of smoothing.
+        coverage: summary of all bearings.
+        residuals: bearing residuals of each track.
+        sight: distances from triangulated positions of each track with unknown errors.
+        people: statistics of all people; None: tracks are not of all people.
+        filter_diagnostics: summary of all diagnostics.
         deviation: median standard deviation of a position.
-        selections: of each target for which cameras were selected.
-        events: how many there are of each kind.
-        judged: checks of the tracks; None: none.
+        selections: how often each camera was selected, by target.
+        events: number of track events of each kind.
+        judged: consistency checks of the tracks; None: none.
     """
 
     whole: Mapping[str, TableTotals] = field(default_factory=dict)
@@ -348,12 +353,12 @@ class ReportFigures:
 
 @dataclass(frozen=True)
 class StreamedTable(Generic[T]):
-    """A table that is read several times.
+    """A table that is read several times, in chunks.
 
     Attributes:
-        kind: the table.
-        chunks: gives all rows in the order of time, as often as requested.
-        of_file: how many rows and which columns a file of occlog states that it has; None: missing.
+        kind: type of the table.
+        chunks: returns an iterator over all rows in the order of time, at each call.
+        of_file: number of rows and names of columns that an occlog file states; None: another source.
     """
 
     kind: type[T]
@@ -366,7 +371,7 @@ class StreamedTable(Generic[T]):
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
-        """Whether the table may have the column: its type, or its file, declares it."""
+        """Return whether the table may have the column: its type, or its file, declares it."""
         known = {each.name for each in self.kind.columns()} if self.of_file is None else self.of_file[1]
         return column in known
 
@@ -376,7 +381,7 @@ Given = Callable[..., StreamedTable[Any] | None]
 
 
 def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
-    """Return a function that opens the `tables` in memory by name, each as one chunk."""
+    """Return a function that opens tables in memory, by name."""
 
     def opened(name: str, *_: type[ColumnTable]) -> StreamedTable[Any] | None:
         table = tables.get(name)
@@ -386,13 +391,14 @@ def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
 
 
 def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -> Given:
-    """Return a function that opens tables in files by name, with lengths in a unit; None for missing ones.
+    """Return a function that opens tables in files by name, as the first of some kinds.
 
-    With a scene, directions of arrival of a recording are included as bearings, as in `occlog track`.
+    It returns None for missing ones. With a scene, directions of arrival of a recording are included as bearings, as in
+    `occlog track`.
 
     Args:
         paths: file of each table.
-        unit: of lengths; None: that of the file.
+        unit: unit to which lengths are converted; None: that of the file.
         scene: poses of arrays; None: unknown.
     """
 
@@ -417,7 +423,7 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
 
 
 def in_pixels(given: Given) -> Given:
-    """The same tables with tracks in images converted to positions in pixels."""
+    """Return a function that opens tables as `given` does, with tracks in images as positions in pixels."""
 
     def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
         if name != "tracks":
@@ -431,10 +437,9 @@ def in_pixels(given: Given) -> Given:
 
 
 def pixel_positions(tracks: ViewTracks) -> PeopleTracks:
-    """A row for each target and time: its centre in the first camera that has it [px], and its cameras.
+    """Return a row for each target and time: its centre in one camera [px], and the names of the cameras that see it.
 
-    Args:
-        tracks: whole times, in order.
+    The camera is the first by name that sees the target, else the first one. `tracks`: whole times, in order.
     """
     seen = ~np.isin(tracks.likelihood_mode, (GROUND, PREDICTED))
     order = np.lexsort((tracks.sensor, ~seen, tracks.target_id, tracks.t_ns))
@@ -469,21 +474,21 @@ def gather(
     *,
     in_images: bool = False,
 ) -> tuple[dict[str, Any], ReportFigures]:
-    """Part of each table that is drawn, by name, and figures of all rows.
+    """Read all tables; return the part of each that is drawn, by name, and figures of all rows.
 
     Args:
-        given: the tables.
-        made: how the tracks were made.
-        scene: of the run.
-        metrics: figures of the evaluation.
+        given: opens a table by name.
+        made: provenance of the tracks.
+        scene: scene of the run.
+        metrics: figures of the evaluation by name.
         whole: names of tables that are drawn whole, however long they are.
-        in_images: true: positions are in pixels, of targets in images.
+        in_images: whether tracks are in images, with positions in pixels.
     """
     return _Reading(given, made, scene, whole, in_images).all(metrics)
 
 
 class _Reading:
-    """Reads the tables, and collects drawn rows and figures."""
+    """Reads the tables of a report one after another, and collects the rows that are drawn and figures of all rows."""
 
     def __init__(
         self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str], in_images: bool
@@ -522,7 +527,7 @@ class _Reading:
         return self._tables, ReportFigures(whole=self._whole, times=self._steps, **self._figures)
 
     def _most(self, name: str) -> int:
-        """Approximate number of rows of a table to draw."""
+        """Return the approximate number of rows to draw of the table `name`."""
         return sys.maxsize if name in self._unthinned else rule.MAX_ROWS
 
     def _keep(self, name: str, found: DownsampledTable[T]) -> T:
@@ -535,9 +540,9 @@ class _Reading:
         """Downsample a table, keep it under `name`, and return it.
 
         Args:
-            name: of the table.
+            name: name of the table.
             given: the table.
-            chunks: its rows, which are also used elsewhere; None: they are read here.
+            chunks: its rows, if they are also processed elsewhere on the way; None: they are read here.
             ends: keep first and last row of each target.
         """
         chunks, most = given.chunks() if chunks is None else chunks, self._most(name)
@@ -546,7 +551,7 @@ class _Reading:
         return found
 
     def _read_tracks(self) -> None:
-        """Read the tracks: downsample them, and compute the statistics of people."""
+        """Read the tracks: downsample them, keep rows next to gaps, and compute the statistics of people."""
         given: StreamedTable[Tracks] | None = self._open("tracks", PeopleTracks)
         if given is None:
             return
@@ -629,12 +634,12 @@ class _Reading:
 
     @property
     def _relabelled(self) -> bool:
-        """Whether tracks have identities of their own, so that errors name other ones."""
+        """Whether tracks have identities of their own, other than the targets in the errors."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """Read stated spreads at camera selections, and errors (only if tracks have the truth's identities)."""
+        """Read the actual errors at camera selections: spreads of tracks, and errors if identities are the truth's."""
         if self._selected is None:
             return
         selected, given = self._selected
@@ -694,7 +699,7 @@ class _Reading:
         self._figures["events"] = dict(counts)
 
     def _read_occluders(self) -> None:
-        """Read the occluder priors, at the time steps of the replay and at others."""
+        """Read the occluder priors: keep those at the time steps of the replay, or at every k-th of them."""
         given = self._open("occluders", Hulls, Occluders)
         if given is None:
             return
@@ -712,11 +717,14 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings are evidence about the tracks (not for people's tracks, as their labels are independent)."""
+        """Whether bearings are evidence about the tracks.
+
+        They are not for tracks of all people, since the labels of bearings are then no identities of tracks.
+        """
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
-        """Read the bearings, their residuals, and the lines of sight at the time steps."""
+        """Read the bearings: residuals and distances of all, and those that the replay draws as lines of sight."""
         stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
@@ -738,13 +746,16 @@ class _Reading:
         self._figures |= {"residuals": found.residuals, "sight": found.sight}
 
     def _targets(self) -> tuple[int, ...]:
-        """Return the sorted identities of the targets in tracks and errors."""
+        """Return the sorted identities of the targets in tracks and errors.
+
+        If tracks have their own identities, only those in the tracks.
+        """
         tables = ("tracks",) if self._relabelled else ("tracks", "errors")
         names = [np.unique(self._tables[name].target_id) for name in tables if name in self._tables]
         return tuple(int(i) for i in np.unique(np.concatenate(names))) if names else ()
 
     def _without(self) -> frozenset[int]:
-        """Return the targets that have no errors."""
+        """Return the targets without errors, for which tracks are compared with triangulated positions."""
         errors = self._tables.get("errors")
         if self._relabelled:
             return frozenset()
@@ -752,7 +763,7 @@ class _Reading:
 
 
 class _Drawn:
-    """Selects the values of the drawn rows from those of all rows."""
+    """Selects the values of drawn rows from a stream of values of all rows; `rows`: sorted row numbers (N,) to keep."""
 
     def __init__(self, rows: Ints) -> None:
         self._rows, self._count = rows, 0
@@ -770,7 +781,7 @@ class _Drawn:
 
 
 def _shown(truth: Truth) -> float:
-    """Share of true positions that the replay shows: objects other than targets only if they are few."""
+    """Return the share, 0 to 1, of the true positions that the replay shows: other objects only if they are few."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

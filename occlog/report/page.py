@@ -48,7 +48,7 @@ def plural(count: int, what: str, several: str = "") -> str:
 
 
 def headline(data: ReportInput) -> list[Figure]:
-    """Headline figures: accuracy first, then the amount of data."""
+    """Return the headline figures of a run: accuracy first, then the amount of data."""
     out = _headline_accuracy(data)
     if data.time.length > 0:
         out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
@@ -67,7 +67,7 @@ def headline(data: ReportInput) -> list[Figure]:
 
 
 def _people(people: PeopleStatistics) -> list[Figure]:
-    """Headline: number of people in total and at a time, and share of coasting rows."""
+    """Return two headline figures: number of identities, with people at a time, and share of predicted estimates."""
     at_a_time = number(float(f"{people.mean:.3g}"))
     unseen = number(round(100.0 * people.unseen, 1))
     return [
@@ -77,7 +77,10 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
-    """Headline: RMSE, bound and ratio over all targets; without truth, the triangulation distance."""
+    """Return headline figures of accuracy: RMSE, bound and ratio over all targets.
+
+    Of tracks with their own identities, multi-target figures; without errors, the distance from triangulated positions.
+    """
     if data.in_images or independent_ids(data.metrics) or (data.errors is None and "idf1" in data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
@@ -93,7 +96,7 @@ def _headline_accuracy(data: ReportInput) -> list[Figure]:
 
 
 def _pairs(data: ReportInput) -> list[Figure]:
-    """Headline: evaluation figures of tracks with their own identities."""
+    """Return headline figures of tracks with their own identities (HOTA, IDF1, MOTA, per-frame RMSE), if known."""
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
     gate = f"matching per frame, {number(value.get(f'matched_gate_{unit}'))} {unit} gate"
@@ -110,7 +113,7 @@ def _pairs(data: ReportInput) -> list[Figure]:
 
 
 def _in_space(data: ReportInput) -> list[Figure]:
-    """Headline: RMSE in space, and its ratio to the bound, if heights are known."""
+    """Return the headline figure RMSE in space, with its ratio to the bound; empty if heights are unknown."""
     whole = data.figures.errors.rmse_in_space()
     if math.isnan(whole):
         return []
@@ -120,7 +123,7 @@ def _in_space(data: ReportInput) -> list[Figure]:
 
 
 def _headline_sight(data: ReportInput) -> list[Figure]:
-    """Headline: RMS distance of the tracks from triangulated positions."""
+    """Return the headline figure RMS distance of the tracks from triangulated positions; empty without any."""
     reported = [each for each in data.sight.values() if each.rows]
     rows = sum(each.rows for each in reported)
     off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in reported) / rows) if rows else math.nan
@@ -128,7 +131,7 @@ def _headline_sight(data: ReportInput) -> list[Figure]:
 
 
 def row_counts(data: ReportInput) -> list[Figure]:
-    """Number of rows and time range of each table."""
+    """Return, for each given table, its number of rows, time range and number of times."""
     out = []
     for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
         if getattr(data, name) is None:
@@ -175,7 +178,7 @@ def check_counts(verdicts: Sequence[Verdict]) -> str:
 
 
 def affected(check: Check) -> str:
-    """Return the sensors and targets of a finding, as text."""
+    """Return the sensors and targets that a check concerns, as text."""
     targets = [f"target {target}" for target in check.targets]
     return ", ".join([*check.sensors, *targets])
 
@@ -196,7 +199,17 @@ MAX_LIVES, MAX_SWITCHES = 300, 100
 
 
 class LifeRow(NamedTuple):
-    """Row of the table of tracks; times in seconds since the start."""
+    """Row of the table of tracks in images.
+
+    Attributes:
+        target: identity of the track.
+        cameras: names of the cameras.
+        begin, end: first and last time [s since the start].
+        length: duration, as text.
+        rows: number of rows, as text.
+        predicted: predicted share [%], as text.
+        switches: identity switches, as text.
+    """
 
     target: int
     cameras: str
@@ -209,7 +222,14 @@ class LifeRow(NamedTuple):
 
 
 class SwitchRow(NamedTuple):
-    """Row of the table of possible identity switches."""
+    """Row of the table of possible identity switches.
+
+    Attributes:
+        seconds: time [s since the start].
+        target: identity of the track.
+        other: identity of the track with which it may be exchanged, or words for a person without a track.
+        probability: probability of the switch, as text.
+    """
 
     seconds: float
     target: int
@@ -218,7 +238,7 @@ class SwitchRow(NamedTuple):
 
 
 def life_rows(data: ReportInput) -> list[LifeRow]:
-    """Start, end and share of predicted rows of the longest tracks in images, sorted by start."""
+    """Return the rows of the longest tracks in images, sorted by start; empty for tracks on the ground."""
     if not data.in_images or data.people is None:
         return []
     lives = sorted(data.people.lives.items(), key=lambda item: -item[1].rows)[:MAX_LIVES]
@@ -239,7 +259,10 @@ def life_rows(data: ReportInput) -> list[LifeRow]:
 
 
 def switch_rows(data: ReportInput) -> list[SwitchRow]:
-    """Most probable identity switches of tracks in images, sorted by time."""
+    """Return the most probable identity switches of tracks in images, sorted by time.
+
+    Empty for tracks on the ground.
+    """
     events = data.events
     if not data.in_images or events is None:
         return []
@@ -261,11 +284,11 @@ SCRIPTS = ("plan.js", "time.js", "replay.js")
 
 
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
-    """Build the page of a run as self-contained HTML with its own script.
+    """Return the page of a run as self-contained HTML with its own script.
 
     Args:
         data: the run.
-        images: of the cameras, with the time steps of the run.
+        images: thumbnails of the cameras; None: none.
     """
     with house_style():
         plots = _plots(data)
@@ -320,7 +343,10 @@ EVENT_WORDS = {
 
 
 def _all_people(data: ReportInput) -> list[Plot]:
-    """Plots of people and of the sensors that detect them."""
+    """Return the plots of tracked people, and of the sensors that detect them.
+
+    Empty if the tracks are not of all people.
+    """
     tracks, people = data.people_tracks, data.people
     if tracks is None or people is None:
         return []
@@ -351,7 +377,7 @@ def _all_people(data: ReportInput) -> list[Plot]:
 
 
 def _drawn(data: ReportInput, *names: str) -> str:
-    """Return the end of a caption that states partly drawn tables; empty if all rows are drawn."""
+    """Return the end of a caption that states which of the named tables are partly drawn; empty if all rows are."""
     diagnostics = data.drawn(*names)
     return f" {diagnostics[:-1]}; figures are of all." if diagnostics else ""
 
@@ -384,7 +410,10 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
-    """Return the plots of a target that need no truth."""
+    """Return the plot of a target that needs no truth: triangulation distances and bearing residuals.
+
+    Empty without any.
+    """
     if target not in data.residuals or not data.residuals[target].any:
         return []
     words = ["There is no truth to compare with."]
@@ -492,7 +521,7 @@ MAX_LOSSES = 20
 
 
 def build_markdown(data: ReportInput) -> str:
-    """Build the Markdown: verdict, losses, and all figures, without pictures."""
+    """Return the report as Markdown: verdict, losses, and all figures, without pictures."""
     out = [f"# {plain(data.title)}", ""]
     if data.tracks is not None or data.verdicts:
         out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]

@@ -40,7 +40,7 @@ MAX_ROWS = 20
 
 
 def build_picture(data: ReportInput) -> bytes:
-    """Overview of the run as PNG; targets after the first are in the floor plan only."""
+    """Return the overview of a run as PNG; targets after the first are in the floor plan only."""
     texts = {"Title": data.title, "Description": json.dumps(data.provenance, sort_keys=True, default=str)}
     with house_style():
         canvas = new_figure(*SIZE)
@@ -51,7 +51,10 @@ def build_picture(data: ReportInput) -> bytes:
 
 
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
-    """Draw the floor plan on the left of a figure, the other panels on the right."""
+    """Draw the floor plan on the left of a figure, and the other panels on the right.
+
+    Of tracks in images, people only.
+    """
     if data.in_images:
         if data.people_tracks is not None and data.people is not None:
             draw_crowd(figure, data, data.people_tracks, data.people)
@@ -70,7 +73,7 @@ def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -
 
 
 def _figures(figure: FigureBase, data: ReportInput) -> None:
-    """Draw title and key figures as text."""
+    """Draw the title and up to seven headline figures of a run as text."""
     figure.text(0.012, 0.8, label(data.title, 80), fontsize=15, fontweight="bold", va="center")
     shown = headline(data)[:7]
     step = 0.98 / max(len(shown), 6)
@@ -86,7 +89,7 @@ def _head(figure: FigureBase, text: str) -> None:
 
 
 def _panels(data: ReportInput) -> list[PicturePanel]:
-    """Panels: error of the first target, and its observation coverage."""
+    """Return the panels of a run: error (or residuals) of the first target, and its observation coverage."""
     out: list[PicturePanel] = []
     coverage, errors = data.coverage, data.errors
     first = data.targets[0] if data.targets else None

@@ -81,7 +81,7 @@ class PageRequest(ReportRequestBase):
 
     @cached_property
     def found(self) -> PageRequest:
-        """The request with missing inputs replaced by files of the run folder."""
+        """This request with missing inputs replaced by files of the run folder."""
         found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 
@@ -200,7 +200,7 @@ class RunComparisonRequest(ReportRequestBase):
 
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
-        """Files of both runs, as for a page of each."""
+        """Requests of a page of each of the two runs, with the files in their folders."""
         files_of = load("occlog.report.comparison.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)

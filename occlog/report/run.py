@@ -43,7 +43,7 @@ PIXELS = "px"
 
 
 def from_folder(request: PageRequest) -> PageRequest:
-    """If TRACKS is a run folder, use its files for inputs that are not named."""
+    """Return the request with the files of the run folder for inputs that are not named, if TRACKS is a folder."""
     folder = request.tracks
     if folder is None or not folder.is_dir():
         return request
@@ -62,9 +62,9 @@ def from_folder(request: PageRequest) -> PageRequest:
 
 
 def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
-    """Return the request for a run with tracks in images, with the files of its folder that are not named.
+    """Return the request with the files of a run folder for tracks in images.
 
-    `found`: files of the run by field; InputError if the folder has no tracks in images.
+    `found`: files of the run by field of the request. InputError if the folder has no tracks in images.
     """
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
@@ -86,7 +86,7 @@ def _has_truth(recording: Path) -> bool:
 
 
 def has_tracks_in_images(tracks: Path | None) -> bool:
-    """Whether a table is of tracks in images (False for a recording)."""
+    """Return whether a file is a table of tracks in images (False for a recording or None)."""
     from occlog.io.open import open_input
 
     if tracks is None or content_of(tracks) is Content.RECORDING:
@@ -134,7 +134,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
 
 
 def _states_boxes(tracks: Path) -> bool:
-    """Whether a table of tracks in images states in which frames a target has a box."""
+    """Return whether a table of tracks in images states in which frames a target has a box."""
     from occlog.io.open import open_input
 
     modes = (BOX, GROUND, PREDICTED)
@@ -142,7 +142,10 @@ def _states_boxes(tracks: Path) -> bool:
 
 
 def _made_tracks(tracks: Path | None) -> TrackProvenance:
-    """Return how the tracks were made, by their provenance; defaults if they are None or external."""
+    """Return how the tracks were made, by their provenance.
+
+    Defaults without a file, or if it is not an occlog table.
+    """
     from occlog.evaluate.verdict import TrackProvenance
     from occlog.io.open import open_if_ours
 
@@ -161,7 +164,7 @@ def _scene(paths: PageRequest) -> Scene | None:
 
 
 def _unit(paths: PageRequest, scene: Scene | None) -> str:
-    """Length unit; InputError if a table has another unit than the scene or the tracks."""
+    """Return the length unit of the scene, else of the tables; InputError if a table has another one."""
     from occlog.io.open import check_unit, common_unit, open_input
 
     named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
@@ -173,7 +176,10 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """Return the provenance of this report, with its title, and of its inputs, with their losses and verdicts."""
+    """Return the provenance of a report and of its inputs (JSON-ready), and losses and verdicts of the inputs.
+
+    `paths`: request with the inputs; `title`: heading of the page.
+    """
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours
@@ -235,7 +241,7 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
 
 
 def _check_in_images(paths: PageRequest) -> None:
-    """UsageError for inputs that belong to tracks on the ground."""
+    """Raise UsageError for inputs that a page of tracks in images cannot show."""
     others = ("scene", "bearings", "errors", "bound", "diagnostics", "occluders")
     for name in others:
         if getattr(paths, name) is not None:
@@ -246,7 +252,7 @@ def _check_in_images(paths: PageRequest) -> None:
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
-    """Write the contents in `made` by path; the files appear together. `overwrite`: they may exist."""
+    """Write several files, which appear together; `made`: content by path; `overwrite`: they may exist."""
     with OutputGroup() as together:
         for path, content in made.items():
             with open_output(path, overwrite, together) as file:

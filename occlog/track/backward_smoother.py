@@ -21,11 +21,11 @@ class SmoothableRow(Protocol):
 
     @property
     def target(self) -> int:
-        """Return the identity of the target."""
+        """Identity of the target."""
 
     @property
     def t_ns(self) -> int:
-        """Return the time of the estimate [ns]."""
+        """Time of the estimate [ns]."""
 
     def smoothed(self, past: SmoothedState) -> Self:
         """Return this row with the smoothed state `past` in place of the filtered one."""
@@ -35,7 +35,10 @@ Row = TypeVar("Row", bound=SmoothableRow)
 
 
 class PendingRows(NamedTuple, Generic[Row]):
-    """Filtered rows of one target waiting for smoothing, each with what the backward pass needs of its step."""
+    """Filtered rows of one target that wait for smoothing, in the order of time.
+
+    `traces` has what the backward pass needs of the filter step of each row, `rng` the target's random numbers.
+    """
 
     rows: list[Row]
     traces: list[Any]
@@ -43,15 +46,15 @@ class PendingRows(NamedTuple, Generic[Row]):
 
 
 class BackwardSmoother(Generic[State, Config, Row]):
-    """Buffer of all targets' filtered rows, which are smoothed once later scans are available."""
+    """Buffer of the filtered rows of all targets, which are smoothed once later scans are available."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
         """Start without rows.
 
         Args:
-            smoothing: functions of the method: trace of a step, and backward pass.
+            smoothing: the method's functions: trace of a filter step, and backward pass over traces.
             config: settings of the method.
-            seed: of all random numbers; each target has its own stream.
+            seed: seed of all random numbers; each target has its own stream.
         """
         self._smoothing, self._config, self._seed = smoothing, config, seed
         self._lag_ns = smoothing.wanted(config).lag_ns
@@ -59,7 +62,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
         self._ready: list[Row] = []
 
     def add(self, row: Row, state: State) -> None:
-        """Append a target's filtered row, and the trace of the filter's state after it."""
+        """Append a target's filtered row; `state` is the filter's state after it, of which the trace is kept."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = PendingRows([], [], rng)
@@ -68,11 +71,12 @@ class BackwardSmoother(Generic[State, Config, Row]):
         own.traces.append(self._smoothing.trace(state))
 
     def settled(self, now_ns: int) -> list[Row]:
-        """Return the rows that are final by `now_ns` (time of the last scan), smoothed, of all targets in time order.
+        """Return the smoothed rows of all targets that are final, sorted by time and target.
 
-        Rows of one target are smoothed once they span `WINDOW_LAGS` lags; those older than one lag are released. All
-        rows of a target are released when it had no scan for `WINDOW_LAGS` lags. With more than `MAX_SMOOTHING_STEPS`
-        rows the first half is released in any case.
+        `now_ns` is the time of the last scan. Rows of one target are smoothed once they span `WINDOW_LAGS` lags; those
+        older than one lag are released. All rows of a target are released when it had no scan for `WINDOW_LAGS` lags.
+        With `MAX_SMOOTHING_STEPS` rows the first half is released in any case. Rows later than a buffered row of
+        another target wait.
         """
         for target, own in list(self._waiting.items()):
             first, last = own.rows[0].t_ns, own.rows[-1].t_ns
@@ -87,17 +91,17 @@ class BackwardSmoother(Generic[State, Config, Row]):
 
     @property
     def held(self) -> int:
-        """Return the number of buffered rows, including smoothed rows waiting for an earlier row of another target."""
+        """Number of buffered rows, including smoothed rows that wait for an earlier row of another target."""
         return len(self._ready) + sum(len(own.rows) for own in self._waiting.values())
 
     def rest(self) -> list[Row]:
-        """Return all remaining rows, smoothed, in time order."""
+        """Return all remaining rows, smoothed, sorted by time and target; the buffer is empty then."""
         for target, own in list(self._waiting.items()):
             self._release(target, len(own.rows))
         return self._until(None)
 
     def _release(self, target: int, count: int) -> None:
-        """Smooth all buffered rows of a target, and release the first `count` of them."""
+        """Smooth all buffered rows of a target, and move the first `count` of them to the released ones."""
         own = self._waiting[target]
         found = self._smoothing.back(own.traces, self._config, own.rng)
         for row, past in zip(own.rows[:count], found[:count], strict=True):
@@ -109,7 +113,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
             del own.rows[:count], own.traces[:count]
 
     def _until(self, horizon_ns: int | None) -> list[Row]:
-        """Return released rows before time `horizon_ns` (None: all), sorted by time and target."""
+        """Remove and return the released rows before time `horizon_ns` (None: all), sorted by time and target."""
         count = (
             len(self._ready) if horizon_ns is None else bisect_left(self._ready, horizon_ns, key=lambda row: row.t_ns)
         )
@@ -121,7 +125,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
 def backward_smoother(
     smoothing: Smoothing[State, Config] | None, config: Config, seed: int
 ) -> BackwardSmoother[State, Config, Row] | None:
-    """Return the buffer for smoothing; None if the method has no smoother or the settings disable smoothing.
+    """Return the buffer for smoothing; None if the method has no smoother or the settings do not request smoothing.
 
     Args:
         smoothing: functions of the method; None: it has no smoother.

@@ -73,18 +73,17 @@ UNCALIBRATED = "boxes without a calibration"
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """One tracking method in the table.
+    """One tracking method in the table of methods.
 
     Attributes:
-        summary: one line.
-        method: module and name of the method, a value of `occlog.track.interface`, or a `PeopleTracker` for one that
-            follows all people; of one that takes images or reads the function that tracks.
+        summary: one line of help.
+        method: module and name (`module:name`) of the method: a value of `occlog.track.interface`, a `PeopleTracker`,
+            or, of methods for images or tag reads, the function that tracks.
         settings: module and name of the class of its settings.
         takes: names of the options that it takes in addition to the shared ones and its settings.
-        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows all people by them;
-            `READS`: reads of tags; `UNCALIBRATED`, `VIEW`: it follows each camera's boxes on
-            their own, as one of ours and as a plug-in.
-        plugin: that the method is from; None: it is one of ours.
+        takes_in: kind of input: `BEARINGS`; `IMAGES`, the images of a recording; `BOXES` of all cameras; `READS` of
+            tags; `UNCALIBRATED` (built-in) or `VIEW` (plug-in), the boxes of each camera separately.
+        plugin: the plug-in that the method is from; None: built-in.
     """
 
     summary: str
@@ -96,12 +95,15 @@ class MethodEntry:
 
     @property
     def images(self) -> bool:
-        """Return whether the method tracks in the images of a recording."""
+        """Whether the method tracks in the images of a recording."""
         return self.takes_in == IMAGES
 
 
 class Methods(dict[str, MethodEntry]):
-    """Built-in methods; other names are resolved among installed plug-ins, which iteration omits."""
+    """Table of tracking methods by name: built-in ones, and installed plug-ins, which are looked up by name only.
+
+    Iteration omits the plug-ins.
+    """
 
     def __contains__(self, name: object) -> bool:
         """Return whether a built-in or plug-in method has that name."""
@@ -124,7 +126,11 @@ def _plugged(name: str) -> MethodEntry | None:
 
 
 def entry_of(plugin: Plugin) -> MethodEntry:
-    """Return the table entry of a plug-in's method; PluginError if the plug-in cannot be loaded."""
+    """Return the table entry of a plug-in's tracking method, or of its tracker in images.
+
+    Raises:
+        PluginError: the plug-in cannot be loaded.
+    """
     from occlog.plugins.loading import VIEW_TRACKER
 
     summary = str(plugin.load().summary)
@@ -263,21 +269,33 @@ METHODS = Methods(OURS)
 
 
 def entry(name: str) -> MethodEntry:
-    """Return the table entry of the method `name`; UsageError, with similar names, for an unknown one."""
+    """Return the table entry of the method `name`.
+
+    Raises:
+        UsageError: unknown name; the message suggests similar ones.
+    """
     if name not in METHODS:
         raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}", id="unknown-name")
     return METHODS[name]
 
 
 def settings_of(name: str) -> type[Settings]:
-    """Return the settings class of the method `name`, by an import of its `config.py` only."""
+    """Return the class of settings of the method `name`; the method itself is not imported.
+
+    Raises:
+        UsageError: unknown name.
+    """
     plugin = entry(name).plugin
     found: type[Settings] = load(METHODS[name].settings) if plugin is None else plugin.load().settings
     return found
 
 
 def tracker(name: str) -> AnyMethod:
-    """Return the method `name`, which tracks by bearings; UsageError with all such methods for any other name."""
+    """Return the method `name`, which must track by bearings.
+
+    Raises:
+        UsageError: there is no such method; the message lists all methods that track by bearings.
+    """
     if name not in METHODS or METHODS[name].takes_in != BEARINGS:
         in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}", id="unknown-name")
@@ -291,14 +309,14 @@ def tracker(name: str) -> AnyMethod:
 
 
 def method_for(path: Path | str, scene: Path | str | None = None) -> str:
-    """Return the name of the method that fits what a file holds.
+    """Return the name of the tracking method that fits the content of a file.
 
     It is `apf` for bearings and measurements, `virtual` for reads of tags, `jipda` for boxes or positions, and `sort`
-    for boxes of cameras without a calibration. For a file that cannot be opened it is the default, and the method then
+    for boxes of cameras without a calibration. For a file that cannot be opened it is the default `apf`, which then
     reports what is wrong with the file.
 
     Args:
-        path: the file.
+        path: the input file.
         scene: file of a scene that is given with it; None: its own.
     """
     from occlog.io.open import held
@@ -359,7 +377,11 @@ REQUESTS: Mapping[str, type[Request]] = {
 
 
 def form_of(method: str) -> Form:
-    """Return the form of a method's request, with its options and settings; UsageError for an unknown method."""
+    """Return the form of a method's request: its inputs, options and settings.
+
+    Raises:
+        UsageError: unknown method.
+    """
     found = entry(method)
     around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
@@ -368,7 +390,10 @@ def form_of(method: str) -> Form:
 
 
 def _plugged_kinds() -> dict[str, VerbKind]:
-    """Return the methods of installed plug-ins by name, except those with the name of a built-in one."""
+    """Return the methods of installed plug-ins by name, as kinds of the verb.
+
+    Plug-ins with the name of a built-in method are omitted.
+    """
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
     plugins = (*installed(METHOD), *installed(VIEW_TRACKER))
@@ -434,7 +459,7 @@ _ABOUT = {
 
 
 def about(name: str) -> str:
-    """Return the paragraphs of the help of the built-in method `name`, with an example."""
+    """Return the paragraphs of the help of the built-in method `name`, with an example command."""
     if name in _ABOUT:
         return _ABOUT[name]
     each = OURS[name]

@@ -25,7 +25,7 @@ from .smoothing_and_lag import LagConfig
 
 
 class HeightEstimate(NamedTuple):
-    """Height, vertical velocity, and covariance of an estimate in 3-D."""
+    """Height `z`, vertical velocity `vz` (NaN: not estimated), and covariance (3,) xz, yz, zz of an estimate in 3-D."""
 
     z: float
     vz: float  # per second; NaN if the method does not estimate it
@@ -33,21 +33,28 @@ class HeightEstimate(NamedTuple):
 
 
 class ParticleSet(NamedTuple):
-    """L weighted particles of a target's position."""
+    """L weighted particles of a target's position: `xy` (L, 2) in the scene's unit, and weights (L,) with sum 1."""
 
     xy: Floats  # (L, 2)
     weights: Floats  # (L,), sum 1
 
 
 class SensorErrors(NamedTuple):
-    """Estimated pose errors of S sensors, true minus stated: x and y in the scene's unit, and yaw [rad]."""
+    """Estimated pose errors of S sensors, true minus stated.
+
+    `mean` and `deviation` (standard deviations) are (S, 3): x and y in the scene's unit, and yaw [rad].
+    """
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
     deviation: Floats  # (S, 3) standard deviations
 
 
 class BearingResiduals(NamedTuple):
-    """Normalised residuals of n bearings from the estimates, and whether the bearings are true."""
+    """Normalised residuals of n bearings from the estimates, and whether the bearings are true.
+
+    Columns (n,): `row`, the index of the estimate (0 if there is only one), `sensor` index, `residual` in stated
+    standard deviations, `expected_variance` of it if the bearing is true, and `inlier_probability`.
+    """
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
     sensor: Ints  # (n,) index in `sensor_names`
@@ -57,14 +64,17 @@ class BearingResiduals(NamedTuple):
 
 
 class NoiseScales(NamedTuple):
-    """Estimated variance factors of the bearings and of the motion."""
+    """Estimated factors of the stated variances of the bearings and of the motion; 1: as stated."""
 
     bearings: float
     motion: float
 
 
 class StationBias(NamedTuple):
-    """Estimated constant range error of one station, in the scene's unit."""
+    """Estimated constant error of the ranges of one station [scene unit], and its standard error.
+
+    A positive bias means that ranges are too long.
+    """
 
     station: int
     bias: float  # by how much they are too long
@@ -72,7 +82,13 @@ class StationBias(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Estimate of a filter after a scan, with diagnostics."""
+    """Estimate of one target by a filter after a scan, with diagnostics.
+
+    `xy` (2,), `velocity` (2,) [scene unit/s] (NaN: not estimated) and `covariance` (2, 2) of xy; effective sample size
+    and log likelihood (NaN: none); numbers of sensors with a frame and with a detection; `fallback`, the reason of a
+    restart or of coasting as in table `diagnostics`; indices of the sensors used and of those that saw the target; pose
+    errors, height and residuals where the method estimates them (else None).
+    """
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second; NaN if the method does not estimate it
@@ -90,7 +106,10 @@ class Estimate(NamedTuple):
 
 
 class SmoothedState(NamedTuple):
-    """Smoothed state of a target at one time; fields as in `Estimate`."""
+    """Smoothed state of a target at one time: `xy` (2,), `velocity` (2,) [scene unit/s], `covariance` of xy (2, 2).
+
+    Of a radio tag the covariance is (4, 4), of x, y, vx, vy. `height` is None for methods on the ground plane.
+    """
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second
@@ -99,7 +118,13 @@ class SmoothedState(NamedTuple):
 
 
 class SmoothedTrajectory(NamedTuple):
-    """Smoothed states of one target at T times."""
+    """Smoothed states of one target at T times, with diagnostics.
+
+    `xy` and `velocity` (T, 2), `covariance` (T, 4, 4) of x, y, vx, vy in scene units and seconds; log likelihoods (T,)
+    (NaN: nothing was seen); per time the numbers and indices of sensors used and of those that saw the target;
+    iterations and convergence of the search; residuals, noise factors, competing modes and range biases where the
+    method estimates them.
+    """
 
     t_ns: Ints  # (T,)
     xy: Floats  # (T, 2)
@@ -128,14 +153,19 @@ Report = TypeVar("Report")
 
 
 class OccluderTerms(NamedTuple):
-    """How a method uses moving occluders: their diameter, and the maximum age of priors."""
+    """How a method uses moving occluders: their `diameter` [scene unit], and the maximum age of priors [s]."""
 
     diameter: float  # of each, in the scene's unit
     max_age_s: float  # priors that are older are not used
 
 
 class TargetPredictor(NamedTuple, Generic[State, Config]):
-    """Position prediction of a method, as used by the selection of cameras."""
+    """Position prediction of a method, as used by the selection of cameras: functions of its state or settings.
+
+    `cloud(state, t_ns, generator)` returns predicted particles, `step_s` the time that selection intervals are counted
+    in, `detection` the detection probability of cameras without one in the scene (None: 1), `hiding` the form of the
+    occlusion probability.
+    """
 
     cloud: Callable[
         [State, int, Generator], ParticleSet
@@ -148,9 +178,11 @@ class TargetPredictor(NamedTuple, Generic[State, Config]):
 
 
 class Smoothing(NamedTuple, Generic[State, Config]):
-    """How a filter's estimates are improved by later measurements.
+    """How a filter's estimates are improved by later measurements: three functions of the method.
 
-    What a step leaves for the backward pass, its trace, is of a type that the method alone knows.
+    `wanted(config)` returns whether and how to smooth, `trace(state)` what the backward pass needs of the last step (of
+    a type that only the method knows), and `back(traces, config, generator)` one smoothed state for each trace, in
+    order.
     """
 
     wanted: Callable[[Config], LagConfig]  # whether and how
@@ -161,7 +193,13 @@ class Smoothing(NamedTuple, Generic[State, Config]):
 
 
 class Online(NamedTuple, Generic[State, Config]):
-    """A method with one state for each target, which processes one scan after the other."""
+    """A tracking method with one state for each target, which processes one scan after the other.
+
+    `init(scene, config, generator)` creates the state, `step(state, scan, generator)` returns the next state and the
+    estimate (None: the scan determines no position), `started(config)` whether the settings give a start position. The
+    other fields state what the method can do: moving occluders, prediction for camera selection, pose errors,
+    smoothing, distance measurements, and its own checks of bearings.
+    """
 
     config: type[Config]
     init: Callable[[Scene, Config, Generator], State]
@@ -177,7 +215,12 @@ class Online(NamedTuple, Generic[State, Config]):
 
 
 class Batch(NamedTuple, Generic[State, Config]):
-    """A method that estimates a segment of one target's trajectory at once."""
+    """A tracking method that estimates a segment of one target's trajectory at once.
+
+    `begin(scene, config, returned)` creates the state of a target (`returned`: it is back after a pause), and
+    `advance(state, scans, last)` adds scans and returns the next state and the released trajectory. `lag_ns` is how
+    long states wait for later data (None: to the end), `forgets_ns` the pause after which a target restarts.
+    """
 
     config: type[Config]
     begin: Callable[[Scene, Config, bool], State]  # nothing is known yet; true: it is back, so that no start holds
@@ -193,7 +236,11 @@ class Batch(NamedTuple, Generic[State, Config]):
 
 
 class Joint(NamedTuple, Generic[State, Config, Report]):
-    """A method with one state for all targets."""
+    """A tracking method with one state for all targets, which associates rows with targets itself.
+
+    `init(scene, config, generator)` creates the state, `step(state, scan, generator)` takes rows of microphone arrays
+    and returns the next state and a report, of which `estimates(report, scene)` lists (target, estimate).
+    """
 
     config: type[Config]
     init: Callable[[Scene, Config, Generator], State]
@@ -203,7 +250,11 @@ class Joint(NamedTuple, Generic[State, Config, Report]):
 
 
 class JointMethod(NamedTuple, Generic[State, Config]):
-    """A method with one state for all objects that carry a label, which hide one another."""
+    """A tracking method with one state for all labelled objects, which occlude one another.
+
+    `init(scene, config, generator)` creates the state; `step(state, scan, generator)` returns the next state and a list
+    of (object, estimate).
+    """
 
     config: type[Config]
     init: Callable[[Scene, Config, Generator], State]

@@ -20,17 +20,17 @@ from .interface import Estimate, Online
 
 
 class PluggedFilter:
-    """A tracking filter of a plug-in, with the names and positions of the sensors."""
+    """A tracking filter of a plug-in for one target, with the names and ground positions of the sensors."""
 
     def __init__(self, plugin: Plugin, of: type[Filter], scene: Scene, config: Settings, rng: Generator) -> None:
         """Create the plug-in's filter.
 
         Args:
-            plugin: that the filter is from; errors name it.
+            plugin: plug-in that the filter is from; errors name it.
             of: class of the filter.
             scene: scene with the sensors, in its own unit.
             config: settings of the filter.
-            rng: for all random numbers of the filter.
+            rng: source of all random numbers of the filter.
 
         Raises:
             PluginError: the filter cannot be created.
@@ -45,7 +45,9 @@ class PluggedFilter:
     def step(self, scan: Scan) -> Estimate | None:
         """Process a scan; return the estimate, or None if the filter returns none.
 
-        The estimate's log likelihood is that of the bearings at the estimated position.
+        The plug-in gets sensor names and positions, bearings and standard deviations [rad] of the scan's rows, NaN in
+        rows that did not see the target. The estimate's log likelihood is that of the bearings at the estimated
+        position.
 
         Raises:
             PluginError: the filter fails, or returns an invalid position.
@@ -87,7 +89,11 @@ class PluggedFilter:
 
 
 def fault_of(position: object) -> str | None:
-    """Return what is invalid in a `position` that a plug-in's filter returned, as text; None if it is valid."""
+    """Return a text about what is invalid in the `position` that a plug-in's filter returned; None if it is valid.
+
+    It must be an `EstimatedPosition` with finite xy (2,), velocity (2,) or None, and a positive definite covariance
+    (2, 2).
+    """
     if not isinstance(position, EstimatedPosition):
         return f"step gives a {type(position).__name__}; a Place or None was expected"
     shapes = {"xy": (position.xy, (2,)), "covariance": (position.covariance, (2, 2))}
@@ -111,7 +117,11 @@ def fault_of(position: object) -> str | None:
 
 
 def method_of(plugin: Plugin) -> Online[PluggedFilter, Any]:
-    """Return the tracking method made from a plug-in; PluginError if it cannot be loaded."""
+    """Return the tracking method made from a plug-in's filter.
+
+    Raises:
+        PluginError: the plug-in cannot be loaded.
+    """
     of = plugin.load()
 
     def init(scene: Scene, config: Any, rng: Generator) -> PluggedFilter:

@@ -104,7 +104,7 @@ class TrackRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _InWorld(TrackRequestBase):
-    """Options of methods that track on the ground plane, from bearings or tag reads."""
+    """Request of a method that tracks on the ground plane, from bearings or tag reads: fields that these share."""
 
     JUDGED: ClassVar[bool] = True
 
@@ -124,7 +124,11 @@ class _InWorld(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequest(_InWorld):
-    """Request of a method that tracks targets from bearings and directions of arrival."""
+    """Request of a method that tracks targets from bearings and directions of arrival.
+
+    Fields are the inputs of such a method (directions, distances, occluders, motion model), its output tables, and
+    options.
+    """
 
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
@@ -219,7 +223,7 @@ class TrackRequest(_InWorld):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read."""
+        """All files that the request reads, without those that are not given."""
         delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
         own = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
         return [path for path in (*own, self.measurements, self.path_loss) if path is not None]
@@ -227,7 +231,11 @@ class TrackRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackPeopleRequest(TrackRequestBase):
-    """Request of a method that tracks people on the ground plane from the boxes of all cameras."""
+    """Request of a method that tracks people on the ground plane from the boxes of all cameras.
+
+    Fields are further inputs (directions of arrival, appearance gallery) and output tables (associations, events,
+    tracks in the images).
+    """
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_people"
     JUDGED: ClassVar[bool] = True
@@ -251,7 +259,10 @@ class TrackPeopleRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackInImagesRequest(TrackRequestBase):
-    """Request of a method that tracks people in the image of each camera, without calibration."""
+    """Request of a method that tracks people in the image of each camera, without calibration.
+
+    Fields are its output tables: tracks in the images, and events.
+    """
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_in_images"
     JUDGED: ClassVar[bool] = True
@@ -264,7 +275,10 @@ class TrackInImagesRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class SingleViewRequest(TrackRequestBase):
-    """Request of a method that tracks boxes in each camera separately."""
+    """Request of a plug-in method that tracks boxes in each camera separately.
+
+    It has the shared fields, and an output table of boxes with identities.
+    """
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
 
@@ -275,7 +289,10 @@ class SingleViewRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadsRequest(_InWorld):
-    """Request of a method that locates radio tags from reads of fixed readers."""
+    """Request of a method that locates radio tags from reads of fixed readers.
+
+    Fields are bearings that refine the positions, and an output table of the regions that sets of readers cover.
+    """
 
     RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
@@ -291,7 +308,10 @@ class ReadsRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsRequest(TrackRequestBase):
-    """Request of a method that tracks targets in the images of a recording."""
+    """Request of a method that tracks targets in the images of a recording.
+
+    Fields are what initiates trackers (ellipses or detections), fundamental matrices, and output tables.
+    """
 
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 
@@ -314,7 +334,7 @@ class ViewsRequest(TrackRequestBase):
 
     @property
     def births(self) -> str:
-        """Source of new trackers: `initial`, `detections` or `both`."""
+        """How trackers begin, by the given files: from `initial` ellipses, from `detections`, or `both`."""
         if self.initial_ellipses is None:
             return "detections"
         return "initial" if self.detections is None else "both"

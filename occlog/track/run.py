@@ -51,7 +51,7 @@ NUMBER = "number of targets"
 
 
 class TrackSummary:
-    """Counts over a stream of tables for the figures and checks of the summary of `occlog track`."""
+    """Counts over a stream of output tables, for the figures and checks of the summary of `occlog track`."""
 
     def __init__(
         self, scene: Scene, *, joint: bool, smoothed: bool = False, measured: DistanceMeasurementFeed | None = None
@@ -62,7 +62,7 @@ class TrackSummary:
             scene: scene with the sensors.
             joint: whether the method associates measurements with targets itself.
             smoothed: whether estimates use later measurements.
-            measured: measurements other than directions, which residuals are also of; None: there are none.
+            measured: distance measurements, of which there are residuals, too; None: there are none.
         """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
@@ -80,7 +80,7 @@ class TrackSummary:
         self.requests = self.answered = self.frames = self.offered = 0
 
     def add(self, part: TrackChunk) -> None:
-        """Add the rows of output tables, and what was found with them, to the counts."""
+        """Add one chunk of output tables, and what was found with them, to the counts."""
         self.targets.update(part.tracks.target_id.tolist())
         self.labels = part.labels or self.labels
         self.motion = part.motion or self.motion
@@ -122,7 +122,7 @@ class TrackSummary:
         }
 
     def _cooperation(self) -> dict[str, Any]:
-        """Return the figures of camera requests: number, answered, by cause, and frames requested and available.
+        """Return the figures of camera requests by name: number, answered, by cause, frames requested and available.
 
         A request with several causes counts for each.
         """
@@ -135,7 +135,7 @@ class TrackSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Return the checks of the estimates with their findings; without any row only that there are no tracks."""
+        """Return the checks of the estimates with their findings; without any row only the finding `no-tracks`."""
         if not self.evidence.rows:
             return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
@@ -152,14 +152,14 @@ class TrackSummary:
         return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
-        """Return the mean effective sample size by its name; empty if the method has no particles."""
+        """Return the mean effective sample size as a figure by name; {} if the method has no particles."""
         mean = self.evidence.particles.mean
         return {} if math.isnan(mean) else {"mean_effective_sample_size": mean}
 
     def _searches(self) -> dict[str, Any]:
-        """Return the figures of a batch method, by name.
+        """Return the figures of a batch method by name.
 
-        These are the iterations for each target, the number of searches, how many did not converge, and range biases.
+        These are iterations for each target, number of optimisation runs, how many did not converge, and range biases.
         """
         iterations: Counter[int] = Counter()
         for solve in self.solves:
@@ -172,7 +172,7 @@ class TrackSummary:
         }
 
     def _biases(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Return the estimated range biases of stations with their standard errors, by target and station."""
+        """Return the estimated range biases with their standard errors, by target and station."""
         return {
             str(solve.target): {name: {"bias": bias, "standard_error": error} for name, bias, error in solve.biases}
             for solve in self.solves
@@ -183,8 +183,11 @@ class TrackSummary:
 def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track by bearings and other measurements as requested, and write the tables.
 
-    Return the figures of the summary, and the losses of earlier steps. UsageError for options that do not go together,
-    InputError if no row is of the chosen targets and sensors.
+    Return the figures of the summary, and the losses recorded in the inputs.
+
+    Raises:
+        UsageError: options that do not go together.
+        InputError: no row is of the chosen targets and sensors.
     """
     # Open the measurements, and settle method, sensors and selection
     inputs = MeasurementInputs(
@@ -289,10 +292,13 @@ def takes_distances(method: AnyMethod) -> bool:
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """Open the distance measurements of the inputs.
+    """Open the distance measurements of the inputs; return their feed and their provenance entry.
 
-    Return their feed and their provenance entry, or None and an empty entry without any. UsageError for settings of
-    measurements that are missing, or that a fitted path loss states, too.
+    None and an empty entry without any.
+
+    Raises:
+        UsageError: settings of measurements that are missing, that the method does not use, or that a fitted path loss
+            model states, too.
     """
     if inputs.measurements is None:
         if request.measured or request.path_loss is not None:
@@ -320,14 +326,15 @@ def distance_measurements(
 
 
 def _note_inputs(radio: Radio) -> dict[str, Any]:
-    """Return the provenance entry of the path loss model `radio`."""
+    """Return the provenance entry of a path loss model: its parameters by name."""
     return {**radio._asdict(), "shadowing": radio.shadowing._asdict()}
 
 
 def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     """Return the path loss model from the file of the request.
 
-    UsageError for a unit other than that of the scene, or for settings that state the same parameters.
+    Raises:
+        UsageError: its unit is not that of the scene, or settings state the same parameters.
     """
     assert request.path_loss is not None
     spec = read_path_loss(request.path_loss)
@@ -357,13 +364,16 @@ def one_at_a_time(
 ) -> Iterator[Bearings]:
     """Generate the rows of one sensor at a time, in round-robin order of the scene, each for `seconds`.
 
-    Sensors without a pose are skipped; UsageError if none is left.
+    Sensors without a pose are skipped.
 
     Args:
         chunks: rows in the order of time.
         scene: scene with the sensors.
-        sensors: names of those in use.
+        sensors: names of the sensors in use.
         seconds: time of each turn [s].
+
+    Raises:
+        UsageError: no sensor is left.
     """
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
@@ -373,9 +383,10 @@ def one_at_a_time(
 
 
 def make_config(request: TrackRequest, unit: str) -> Settings:
-    """Return the settings of the method: defaults in the scene's length unit `unit`, changed by the options.
+    """Return the settings of the method: defaults in the scene's length unit `unit`, changed by the request's options.
 
-    UsageError for options that state the same quantity.
+    Raises:
+        UsageError: options that state the same quantity, or invalid values.
     """
     defaults = settings_of(request.method).in_unit(unit)
     values: dict[str, Any] = dict(request.settings)
@@ -401,7 +412,7 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
 
 
 def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that a motion model from a file stands for, by name.
+    """Return the settings of method `map` that a fitted motion model from a file stands for, by name.
 
     Args:
         path: the file.
@@ -429,10 +440,14 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
 
 
 def max_router_delay(path: Path) -> float:
-    """Return the largest end-to-end delay in a table of delays [s]; UsageError where it has those of several cases.
+    """Return the largest end-to-end delay [s] in a table of delays.
 
     A reply arrives within the cycle of the slowest router, from the detection to its final estimate, including the
     transfer of images.
+
+    Raises:
+        InputError: the table has no end-to-end delays.
+        UsageError: it has delays of several cases.
     """
     delays = Delays.concat(list(open_input(path, Delays, remedy="make delays by `occlog traffic`").rows(Delays)))
     ends = delays.take(delays.kind == END_TO_END)
@@ -450,7 +465,11 @@ def max_router_delay(path: Path) -> float:
 
 
 def make_selection(request: TrackRequest) -> SelectConfig | None:
-    """Return the settings of the camera selection; None without one. UsageError for its options without --select."""
+    """Return the settings of the camera selection; None if the request has none.
+
+    Raises:
+        UsageError: options of the selection without --select, or a camera order with another policy than `fixed`.
+    """
     given = request.select
     if not given:
         return None
@@ -469,9 +488,12 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
 
 
 def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
-    """Return the setting `start` of a method from texts of initial positions; `unit` is the scene's length unit.
+    """Return the value of the setting `start` of a method from texts of initial positions (X,Y or X,Y,SIGMA).
 
-    UsageError for several if the method has one filter for each target.
+    For `imm` several are joined, each with a velocity. `unit` is the scene's length unit.
+
+    Raises:
+        UsageError: several positions for a method with one filter per target, or an invalid text.
     """
     if method == "imm":
         return ",".join(_with_velocity(text, unit) for text in texts)
@@ -487,7 +509,10 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
 def _with_velocity(text: str, unit: str) -> str:
     """Return X,Y,SIGMA,VX,VY,SIGMA_V from a text that is such, X,Y or X,Y,SIGMA.
 
-    Without velocity: at rest, with the method's usual speed in `unit` as standard deviation.
+    Without velocity: at rest, with the usual speed of method `imm` in `unit` as standard deviation.
+
+    Raises:
+        UsageError: another number of values.
     """
     parts = text.split(",")
     if len(parts) == START_NUMBERS:
@@ -498,7 +523,11 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """Return X,Y,SIGMA from X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific `unit`."""
+    """Return X,Y,SIGMA from X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific `unit`.
+
+    Raises:
+        UsageError: another number of values.
+    """
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

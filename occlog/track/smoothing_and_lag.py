@@ -16,7 +16,7 @@ MAX_SMOOTHING_STEPS = 4096
 
 @dataclass(frozen=True)
 class LagConfig(Settings):
-    """Smoothing settings of a filter: whether, and with how much later data."""
+    """Smoothing settings of a filter: whether to smooth, and with how much later data (`lag_s`; None: all)."""
 
     smooth: bool = setting(
         False,
@@ -38,12 +38,12 @@ class LagConfig(Settings):
 
     @property
     def smoothed(self) -> bool:
-        """Return whether estimates use later measurements."""
+        """Whether estimates use later measurements: smoothing or a lag is requested."""
         return self.smooth or self.lag_s is not None
 
     @property
     def lag_ns(self) -> int | None:
-        """Return the lag [ns]; None: the whole recording."""
+        """The lag [ns]; None: the whole recording."""
         from occlog.array_types import NS  # numpy comes with it, and settings are read for help, too
 
         return None if self.lag_s is None else round(self.lag_s * NS)
@@ -51,7 +51,7 @@ class LagConfig(Settings):
 
 @dataclass(frozen=True)
 class SmoothingConfig(LagConfig):
-    """Smoothing settings of particle filters with backward simulation of trajectories."""
+    """Smoothing settings of particle filters, which smooth by backward simulation of trajectories."""
 
     smoothing_trajectories: int = setting(
         200,

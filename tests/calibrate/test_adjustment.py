@@ -21,6 +21,7 @@ from occlog.calibrate.adjustment import (
     Clocks,
     NoiseModel,
     Observations,
+    PathPrior,
     _time_factor,
     changed,
 )
@@ -49,11 +50,25 @@ def observed(late: Floats) -> tuple[Observations, Floats]:
     return Observations(camera, knot, delay, box, use, STEPS * np.arange(P + 1), np.tile(t, P)), states
 
 
-def problem(noise_px: float = 0.0) -> tuple[Adjustment, Floats]:
-    """Cameras that are off by 2 degrees and 0.2 m, the first one held; and the true offsets of the clocks."""
+PASSING = PathPrior(0.2, 0.002, 4.0)
+"""Paths of people who pass between views that are not shared."""
+
+
+def problem(
+    noise_px: float = 0.0,
+    paths: PathPrior = PathPrior(),  # noqa: B008
+    level: tuple[float, float] = (np.inf, np.inf),
+) -> tuple[Adjustment, Floats]:
+    """Cameras that are off by 2 degrees and 0.2 m, the first one held; and the true offsets of the clocks.
+
+    With `paths` of a t distribution each time step is seen by one camera, in turn.
+    """
     rng = np.random.default_rng(1)
     late = np.array([0.0, 0.1, -0.15])
     seen, states = observed(late)
+    if np.isfinite(paths.degrees):
+        mine = seen.knot % 3 == seen.camera
+        seen = seen._replace(**{name: getattr(seen, name)[mine] for name in ("camera", "knot", "delay", "box", "use")})
     seen = seen._replace(box=seen.box + rng.normal(0.0, noise_px, seen.box.shape))
     sigma = np.zeros((3, PARAMETERS))
     sigma[1:, TURN] = sigma[1:, SHIFT] = np.inf
@@ -70,6 +85,8 @@ def problem(noise_px: float = 0.0) -> tuple[Adjustment, Floats]:
         sigma,
         Clocks(np.zeros(3), np.zeros(3), 0.7),
         NoiseModel(2.0, 0.0),
+        paths,
+        level,
     ), late
 
 
@@ -96,13 +113,14 @@ def test_gradient_is_that_of_the_cost() -> None:
         step = np.zeros(len(one.values))
         step[k] = 1e-6
         costs = [one._equations(one.values + sign * step, one.states).cost for sign in (1.0, -1.0)]
-        prior = -one.precision[k] * one.values[k]
+        prior = -one.precision[k] @ one.values
         assert right(int(k)) + prior == pytest.approx(-(costs[0] - costs[1]) / 2e-6, rel=1e-4, abs=1e-2)
 
 
-def test_step_is_that_of_dense_normal_equations() -> None:
-    """Elimination of the paths gives the same step as all unknowns at once."""
-    one, _ = problem(2.0)
+@pytest.mark.parametrize(("paths", "level"), [(PathPrior(), (np.inf, np.inf)), (PASSING, (0.01, 0.05))])
+def test_step_is_that_of_dense_normal_equations(paths: PathPrior, level: tuple[float, float]) -> None:
+    """Elimination of the paths gives the same step as all unknowns at once, also between views that are not shared."""
+    one, _ = problem(2.0, paths, level)
     equations = one._equations(one.values, one.states)
     K, M = len(one.seen.time), len(one.values)
     size = 6 * K + M
@@ -133,11 +151,8 @@ def dense(one: Adjustment, equations, size: int, M: int, K: int) -> tuple[Floats
             row[M - COMMON + 1 : M] = slopes[n, edge, PARAMETERS:]
             row[M + 6 * knot : M + 6 * knot + 6] = equations.slope[n, edge]
             add(row, equations.residual[n, edge], equations.weight[n, edge])
-    for k in range(M):
-        if one.precision[k]:
-            row = np.zeros(size)
-            row[k] = 1.0
-            add(row, -one.values[k], one.precision[k])
+    H[:M, :M] += one.precision
+    g[:M] -= one.precision @ one.values
     for first in one.seen.first[:-1]:
         at, state = M + 6 * first, one.states[first]
         tall = np.zeros(size)
@@ -148,7 +163,9 @@ def dense(one: Adjustment, equations, size: int, M: int, K: int) -> tuple[Floats
             row[at + k] = 1.0
             add(row, mean - state[k], 1.0 / sigma**2)
     motion = one.motion
-    for inner, F, P in zip(motion.inner, motion.transition, motion.precision, strict=True):
+    weights = motion.weights(one.states)
+    for inner, F, precision, weight in zip(motion.inner, motion.transition, motion.precision, weights, strict=True):
+        P = precision * np.repeat([weight, 1.0], [4, 2])[:, None]
         J = np.zeros((6, size))
         J[:, M + 6 * inner : M + 6 * inner + 6] = -F
         J[:, M + 6 * inner + 6 : M + 6 * inner + 12] = np.eye(6)
@@ -190,7 +207,7 @@ def test_drift_is_found_without_noise() -> None:
 def test_absorbed_share_and_covariance_are_dense_ones() -> None:
     """The diagonal of the hat matrix of the paths, and the inverse of all normal equations."""
     one, _ = problem(2.0)
-    one.precision[0] = 1.0
+    one.precision[0, 0] = 1.0
     equations = one._equations(one.values, one.states)
     K, M = len(one.seen.time), len(one.values)
     H, _ = dense(one, equations, 6 * K + M, M, K)
@@ -208,7 +225,7 @@ def test_absorbed_share_and_covariance_are_dense_ones() -> None:
         moved.append(np.trace(root.T @ J @ P[own, own] @ J.T @ root) / 4)
     found, of_motion = one._absorbed(equations)
     np.testing.assert_allclose(found, shares, rtol=0.2)
-    assert of_motion == pytest.approx(np.mean(moved), rel=0.1)
+    assert of_motion * one.motion.densities == pytest.approx(4.0 * np.sum(moved), rel=0.1)
     free = np.concatenate([np.flatnonzero(one.free), M + np.arange(6 * K)])
     count = np.count_nonzero(one.free[:-COMMON])
     inner = H[np.ix_(free, free)]
@@ -227,3 +244,24 @@ def test_time_factor_is_that_of_a_mean() -> None:
         x[k] = a * x[k - 1] + rng.normal()
     group = np.repeat(np.arange(20), 1000)
     assert _time_factor(x, group, float((x**2).sum())) == pytest.approx((1 + a) / (1 - a), rel=0.1)
+
+
+def test_densities_of_paths_are_learned_between_views() -> None:
+    """White acceleration and a random walk, of one camera with exact boxes and of changes with a known covariance."""
+    rng = np.random.default_rng(4)
+    one, _ = problem(0.0, PASSING)
+    motion = one.motion.of(np.array([0.2, 0.4, 0.01]))
+    assert motion.apart.all()
+    L = len(motion.inner)
+    changes = np.linalg.cholesky(np.linalg.inv(motion.precision)) @ rng.normal(0.0, 1.0, (150, L, 6, 1))
+    changes *= np.sqrt(4.0 / rng.chisquare(4.0, (150, L, 1, 1)))
+    now, starts = one.motion, np.zeros_like(one.states)
+    for _ in range(40):
+        total = np.zeros(3)
+        for each in changes[..., 0]:
+            states = starts.copy()
+            for k, change in zip(now.inner, each, strict=True):
+                states[k + 1] = now.transition[0] @ states[k] + change
+            total += now.rescaled(states, np.zeros(3)).densities / len(changes)
+        now = now.of(total)
+    np.testing.assert_allclose(now.densities, [0.2, 0.4, 0.01], rtol=0.15)

@@ -33,8 +33,8 @@ def test_the_commands_of_the_page(
         assert run([*command[1:], "--json"]) == ExitCode.DONE
     figures = json.loads(capsys.readouterr().out)
     assert f"an RMSE of {100 * figures['rmse_m']:.1f} cm" in PAGE
-    assert figures["id_switches"] == 1
-    assert "one identity switch" in PAGE
+    assert figures["id_switches"] == 0
+    assert "no identity switch" in PAGE
     head = (SAMPLE / "left.csv").read_text().splitlines()[:3]
     assert "\n".join(head) in PAGE
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from occlog.filtering.kernel_density import (
     MAX_PARTICLES,
+    KernelDensity,
     kernel_density,
     last_states,
     silverman_bandwidth,
@@ -96,6 +97,38 @@ def test_kinds_are_drawn_as_forward_backward_has_them() -> None:
     for k in range(2):
         expected = own * chances[:, k] / (own @ chances[:, k])
         assert found[after == k].mean() == pytest.approx(expected[1], abs=5.0 * 0.5 / np.sqrt(M / 2))
+
+
+@pytest.mark.parametrize("scale", [0.05, 1.0])
+def test_a_state_before_is_drawn_by_its_density_and_moved_by_the_regression_on_the_state_after(scale: float) -> None:
+    """With the random numbers of the same seed: a uniform one for each trajectory, then normal ones."""
+    rng, K, M, chances = np.random.default_rng(4), 25, 30, np.array([[0.9, 0.1, 0.3], [0.4, 0.6, 0.0]])
+    half, B = rng.standard_normal((3, 3)), rng.standard_normal((3, 3))
+    B = scale * B @ B.T
+    before = kernel_density(half @ rng.standard_normal((3, K)), np.full(K, 1.0 / K), np.arange(K) % 2)
+    back, after = half @ rng.standard_normal((3, M)), np.arange(M) % 3
+    found, kinds = states_before(before, back, B, after, chances, rng=np.random.default_rng(9))
+    same = np.random.default_rng(9)
+    u, normal = same.random(M), same.standard_normal((3, M))
+    S = before.width**2 * before.covariance + B
+    left = B - B @ np.linalg.solve(S, B)
+    values, axes = np.linalg.eigh(left)
+    root = axes * np.sqrt(np.maximum(values, 0.0))
+    for j in range(M):
+        off = before.centres - back[:, [j]]
+        half_chi2 = 0.5 * np.einsum("ik,ik->k", off, np.linalg.solve(S, off))
+        weights = np.exp(-(half_chi2 - half_chi2.min())) * chances[before.kinds, after[j]]
+        k = int(np.searchsorted(np.cumsum(weights) / weights.sum(), u[j], side="right"))
+        assert kinds[j] == before.kinds[k]
+        # The axes of equal eigenvalues may have either sign
+        moved = back[:, j] + B @ np.linalg.solve(S, before.centres[:, k] - back[:, j])
+        assert_allclose(np.abs(found[:, j] - moved), np.abs(root @ normal[:, j]), rtol=1e-6, atol=1e-7)
+
+
+def test_a_kind_that_no_other_leads_to_follows_the_nearest() -> None:
+    before = KernelDensity(np.zeros(1), np.eye(1), np.array([[0.0, 1.0, 5.0]]), 0.5, np.arange(3))
+    back, after, chances = np.array([[0.9, 4.0, -1.0]]), np.ones(3, dtype=np.int64), np.eye(3)[:, [0, 0]] * [1.0, 0.0]
+    assert states_before(before, back, np.eye(1), after, chances, rng=np.random.default_rng(0))[1].tolist() == [1, 2, 0]
 
 
 @pytest.mark.parametrize("count", [MAX_PARTICLES - 1, MAX_PARTICLES, MAX_PARTICLES + 1, 3000])

@@ -26,7 +26,14 @@ ARRAYS = "microphone arrays"
 
 
 def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened | None:
-    """Input with directions of arrival: the given file, or the input of the boxes; None if neither has any."""
+    """Input with directions of arrival: the given file, or else that of the boxes.
+
+    None if no file is given and the input of the boxes has no directions.
+
+    Raises:
+        InputError: the given file has no directions.
+        UsageError: it is of a scene with another unit of length.
+    """
     if request.doa is None:
         return inputs.opened if inputs.opened.has(Doa) else None
     opened = open_input(request.doa, Doa)
@@ -41,10 +48,12 @@ def place_arrays(
 ) -> list[ArrayResult]:
     """Estimate the poses of those microphone arrays of a scene that have directions of arrival, by people who speak.
 
+    The results, one for each such array, are in the order of the scene.
+
     Args:
         opened: input with directions of arrival.
         scene: scene with the arrays as stated.
-        paths: paths of the people.
+        paths: paths of the people on the ground, in scene units, by the common clock.
         config: heights of mouths, and limit of clock offsets.
         metre: length of a metre in scene units.
     """
@@ -93,7 +102,10 @@ def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> S
 
 
 def array_figures(each: ArrayResult) -> dict[str, object]:
-    """Figures of one microphone array for the summary, by name."""
+    """Figures of one microphone array for the summary, by name: pose, clock and directions; rounded.
+
+    An array without an estimate has only the number of directions and the share of people's.
+    """
     if each.reason:
         return {"estimated": False, "directions": each.directions, "of_people": round(each.share, 2)}
     return {
@@ -110,9 +122,13 @@ def array_figures(each: ArrayResult) -> dict[str, object]:
 
 
 def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -> tuple[Check, ...]:
-    """Checks of the microphone arrays; `placed`: their stated poses are in the world frame of the result.
+    """Checks of the microphone arrays: a finding on each that is not calibrated, or with a clock that is late.
 
-    `scene` has the arrays as stated.
+    Args:
+        arrays: results of the estimation.
+        scene: has the arrays as stated.
+        placed: the stated poses are in the world frame of the result; then a finding on each calibrated array states
+            how far its pose is from that.
     """
     stated = {a.name: a for a in scene.arrays}
     out = []

@@ -226,7 +226,7 @@ class _Problem:
     Attributes:
         heard: K directions.
         start_s: first time of the grid [s].
-        xy: (P, T) complex positions of P people at T times `STEP_S` apart; NaN: absent.
+        xy: (P, T) positions x + i y of P people, in scene units, at T times `STEP_S` apart; NaN: absent.
         metre: length of a metre in scene units.
         max_late_s: largest offset of the clock [s]; 0: fixed.
     """
@@ -268,9 +268,10 @@ class _Problem:
         return np.asarray(np.isfinite(self.positions(0.0)[0]).any(axis=0))
 
     def positions(self, late_s: float) -> tuple[Complexes, Complexes]:
-        """(P, K) complex positions and velocities [1/s] of P people at the times of K directions; NaN: absent.
+        """Positions (P, K) of P people at the times of K directions, and their velocities (P, K); NaN: absent.
 
-        `late_s` is the assumed delay of the array's clock [s].
+        Both are complex, x + i y, in scene units and in scene units per second. `late_s` is the assumed delay of the
+        array's clock [s].
         """
         at = (self.heard.t_s - late_s - self.start_s) / STEP_S
         k = np.clip(np.floor(at).astype(np.int64), 0, self.xy.shape[1] - 2)
@@ -281,10 +282,7 @@ class _Problem:
 
 
 def _on_grid(path: Path, times: Floats) -> Complexes:
-    """(T,) complex positions of a path at the times of a grid (T,) [s]; NaN outside and in long gaps.
-
-    A gap is long above `MAX_GAP_S`.
-    """
+    """(T,) positions x + i y of a path at the times of a grid (T,) [s]; NaN outside, and in gaps above `MAX_GAP_S`."""
     out = np.interp(times, path.t_s, path.xy.real) + 1j * np.interp(times, path.t_s, path.xy.imag)
     k = np.clip(np.searchsorted(path.t_s, times), 1, len(path.t_s) - 1)
     gap = path.t_s[k] - path.t_s[k - 1] > MAX_GAP_S
@@ -326,7 +324,7 @@ def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
 
 
 def _near(a: Floats, b: Floats, metre: float) -> bool:
-    """Whether two poses (parameters (5,): x, y, yaw, ...) are within a metre and 0.35 rad.
+    """Whether two poses, given as parameters (5,) of which x, y and yaw count, are within a metre and 0.35 rad.
 
     `metre` is the length of a metre in scene units.
     """
@@ -382,8 +380,8 @@ def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
     A direction has one vote for a bin, however many people are present.
 
     Args:
-        at: (P, K) complex positions of P people at the times of K directions; NaN: absent.
-        places: (G,) complex positions of the array.
+        at: (P, K) positions x + i y of P people at the times of K directions; NaN: absent.
+        places: (G,) positions x + i y of the array.
         azimuth: (K,) azimuths as recorded [rad].
     """
     out = np.zeros((len(places), BINS))
@@ -450,10 +448,10 @@ def _terms(problem: _Problem, values: Floats) -> _Terms:
 
 
 class _Normal(NamedTuple):
-    """Normal equations of a Gauss-Newton step.
+    """Normal equations of a Gauss-Newton step: matrix (5, 5) and right side (5,).
 
-    Matrix (5, 5) and right side (5,); scores of the K directions (K, 5); information (5, 5) that is missing because the
-    associations are unknown.
+    Also the scores (K, 5), derivatives of the log-likelihood of each of K directions, and the information (5, 5) that
+    is missing because the associations are unknown. The five parameters are x, y, yaw, clock and height above mouths.
     """
 
     matrix: Floats

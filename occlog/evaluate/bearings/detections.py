@@ -36,7 +36,24 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True)
 class DetectionCounts:
-    """Counts and sums over observations with known truth; additive over sensors."""
+    """Counts and sums over one sensor's frames with known true positions; counts of several sensors may be added.
+
+    Attributes:
+        frames: number of frames of the sensor.
+        n_frames: number of pairs of a frame and a target.
+        visible: pairs in which the target is in view and not occluded.
+        detected: of these, pairs with a bearing within the gate.
+        detected_hidden: pairs with a bearing within the gate although the target is out of view or occluded.
+        false_alarms: bearings of no true object, or of a target but outside its gate.
+        correct_rejections: pairs in which the target is hidden and nothing is reported.
+        without_truth: pairs with unknown true position; they are in no other count.
+        n_px, sum_px, square_px: number, sum and sum of squares of the residuals [px] of visible targets within the
+            gate.
+        square_rad: sum of squares of these residuals in rad.
+        square_normalised: sum of squares of these residuals over their standard deviations.
+        n_elevation: number of elevations of visible targets within the gate.
+        square_elevation, square_elevation_normalised: sums of squares of their residuals, in rad and normalised.
+    """
 
     frames: int = 0  # of a sensor
     n_frames: int = 0  # frame and target
@@ -62,7 +79,7 @@ class DetectionCounts:
 
 
 def count(found: SensorObservationSet) -> DetectionCounts:
-    """Return counts and sums of squares of one sensor's observations, over its frames with a known truth."""
+    """Return counts and sums of squared residuals of one sensor, over its observations with a known true position."""
     observations = found.observations.take(found.observations.truth)
     good = observations.visible & observations.hit
     up = good & np.isfinite(observations.residual_elevation)
@@ -91,13 +108,13 @@ def count(found: SensorObservationSet) -> DetectionCounts:
 def observations_of(
     bearings: Bearings, truth: Truth, scene: Scene, pairs: Mapping[int, int], config: EvaluateConfig
 ) -> dict[str, SensorObservationSet]:
-    """Observations of every sensor in the bearings, by name.
+    """Compare the bearings of every sensor with the truth; return the observations by name of the sensor.
 
     Args:
         bearings: labelled or not.
         truth: targets and moving occluders.
         scene: sensors, walls.
-        pairs: identity in the bearings to identity in the truth.
+        pairs: identity in the bearings to identity in the truth; rows of other identities are skipped.
         config: gates, limits.
     """
     targets, others = paths_of(truth, "target"), paths_of(truth, "occluder")
@@ -116,7 +133,10 @@ class DetectionFigures:
         self._sensors: dict[str, dict[str, Sum]] = {}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Add the observations of further frames, by name of the sensor."""
+        """Add the observations of further frames to the counts.
+
+        `observations`: by name of the sensor.
+        """
         for name, found in observations.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
@@ -124,7 +144,10 @@ class DetectionFigures:
                 own[f.name].add(float(getattr(part, f.name)))
 
     def result(self) -> Metrics:
-        """Figures over all sensors (from sums), then for each sensor."""
+        """Return rates, counts and residuals by name of the figure.
+
+        They are over all sensors together (from the added counts), then of each sensor, with the suffix `_sensor_NAME`.
+        """
         counts = {name: _counts(own) for name, own in sorted(self._sensors.items())}
         out = _figures(add_counts(counts.values()), "")
         for name, part in counts.items():
@@ -133,7 +156,10 @@ class DetectionFigures:
 
 
 def _counts(sums: Mapping[str, Sum]) -> DetectionCounts:
-    """Return the sums of one sensor as `DetectionCounts`; those declared as integers are converted."""
+    """Return the accumulated sums of one sensor, by name of the field, as `DetectionCounts`.
+
+    Integer fields are converted.
+    """
     whole = {f.name: isinstance(f.default, int) for f in fields(DetectionCounts)}
     return DetectionCounts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
 
@@ -175,7 +201,12 @@ SHARED = 0.1
 
 
 class FrameResult(NamedTuple):
-    """One frame: each true box with its class and the horizontal error of its view (NaN: not detected)."""
+    """True boxes of one frame of a camera after pairing with the views (detected silhouettes).
+
+    `kind`: (n,) class of each true box, `CLEAR`, `FRONT` or `HIDDEN`; `error_px`: (n,) horizontal centre of the paired
+    view minus that of the true box [px], positive to the right, NaN if none is paired; `found`: (n,) mask of paired
+    boxes; `views`: number of views in the frame.
+    """
 
     kind: Ints  # (n,)
     error_px: Floats  # (n,) view minus truth, to the right
@@ -186,8 +217,8 @@ class FrameResult(NamedTuple):
 def box_classes(boxes: Floats) -> Ints:
     """Return the class (n,) of each true box (n, 4: left, top, width, height) of one frame.
 
-    `HIDDEN` if a nearer box (with a lower edge) covers more than `SHARED` of it, `FRONT` if another box does, else
-    `CLEAR`.
+    `HIDDEN` if a nearer box (with its bottom edge lower in the image) covers more than `SHARED` of it, `FRONT` if
+    another box does, else `CLEAR`.
     """
     area = np.prod(boxes[:, 2:], axis=1)
     cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
@@ -200,15 +231,15 @@ def box_classes(boxes: Floats) -> Ints:
 
 
 def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameResult:
-    """Pair the views (silhouettes) of one frame with its true boxes, as many as overlap enough.
+    """Pair the views (silhouettes) of one frame one to one with its true boxes, as many as overlap enough.
 
     Args:
-        views: of one camera and frame.
-        truth: true boxes of that frame; rows without a box are left out.
-        min_overlap: least intersection over union of a pair, 0 to 1.
+        views: silhouettes in one frame of one camera.
+        truth: true boxes of that frame; rows without a box are skipped.
+        min_overlap: minimum intersection over union of a pair, 0 to 1.
 
     Returns:
-        Size class, error along x [px] (NaN: not detected) and mask of detection of each true box; number of views.
+        Occlusion class, horizontal error [px] (NaN: not detected) and detection mask of each true box; number of views.
     """
     real = truth.take(truth.box >= 0)
     boxes = _boxes(real)
@@ -224,7 +255,7 @@ def _boxes(table: Views | TruthBoxes) -> Floats:
 
 
 def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
-    """Generate (sensor, time [ns]) of every frame of a table, with its rows."""
+    """Generate (sensor, time [ns]) of every frame of a table, sorted, with the indices (n,) of its rows."""
     order = np.lexsort((table.t_ns, table.sensor))
     t_ns, sensor = table.t_ns[order], table.sensor[order]
     change = (t_ns[1:] != t_ns[:-1]) | (sensor[1:] != sensor[:-1])
@@ -251,7 +282,10 @@ class RegionFigures:
         self._first_box: tuple[str, int] | None = None
 
     def update(self, views: Views, truth: TruthBoxes) -> None:
-        """Add views and true boxes of further times."""
+        """Pair the views with the true boxes of equal sensor and time, frame by frame, and add counts and errors.
+
+        Views of frames without true boxes are only counted. A frame must not be divided between two calls.
+        """
         self._first_view = self._first_view or _first(views)
         self._first_box = self._first_box or _first(truth)
         by_frame = dict(_frames(views))
@@ -267,10 +301,10 @@ class RegionFigures:
             self._sensors.setdefault(sensor, _Results(self._in_memory)).update(result, result.found)
 
     def result(self) -> Metrics:
-        """Figures over all sensors from sums, then for each class, then for each sensor.
+        """Return recall, precision and errors by name: over all sensors, for each class of true boxes, for each sensor.
 
         Raises:
-            InputError: no frame is in both tables.
+            InputError: both tables have rows, and no frame is in both.
         """
         view, box = self._first_view, self._first_box
         if view is not None and box is not None and not self._shared:
@@ -289,12 +323,15 @@ class RegionFigures:
 
 
 def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
-    """Return sensor and time [ns] of the first row; None without rows."""
+    """Return sensor and time [ns] of the first row of a table; None if the table is empty."""
     return (str(table.sensor[0]), int(table.t_ns[0])) if len(table) else None
 
 
 class _Results:
-    """Accumulated numbers of frames, true boxes and detections, and errors in pixels."""
+    """Accumulated counts of frames, true boxes, views and detections, and horizontal errors of the detections [px].
+
+    Up to `in_memory` absolute errors stay in memory for the median; more go to a temporary file.
+    """
 
     def __init__(self, in_memory: int) -> None:
         self._frames = self._boxes = self._found = 0
@@ -302,9 +339,9 @@ class _Results:
         self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
 
     def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
-        """Add a frame with the mask `found` (n,) of its n true boxes that are detected.
+        """Add one frame of n true boxes.
 
-        `boxes`: number of true boxes that count; None: n.
+        `found`: (n,) mask of the detected boxes that count; `boxes`: number of true boxes that count, None: n.
         """
         errors = result.error_px[found]
         self._frames, self._views = self._frames + 1, self._views + result.views
@@ -341,7 +378,13 @@ class _Results:
 
 
 class Pairing(NamedTuple):
-    """Set of directions paired with the true directions of its time: numbers of both, and errors of the pairs."""
+    """Result of pairing the directions of one time with the true ones.
+
+    Attributes:
+        true: number of true directions.
+        found: number of reported directions.
+        errors: (k,) reported minus true direction of each pair [rad], wrapped.
+    """
 
     true: int  # number of true directions
     found: int
@@ -349,17 +392,17 @@ class Pairing(NamedTuple):
 
 
 def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, float]:
-    """Direction-of-arrival figures of all sets, and by number of true directions; angles in degrees.
+    """Return figures of directions of arrival over all sets and by number of true directions; angles in degrees.
 
-    In each set estimates and true directions are paired so that the sum of 1 - cos(error) is
-    least: unlike the sum of absolute errors, which many pairings share where an estimate is far
-    off, it is least for one pairing, whatever the order of the rows.
+    A set is all azimuths of one sensor at one time. In each set estimates and true azimuths are paired one to one by
+    the least sum of 1 - cos(error): unlike the sum of absolute errors, which has several minima if an estimate is far
+    off, it has a unique minimum, whatever the order of the rows.
 
     Args:
-        found: directions, any number a sensor and time.
-        truth: the same; a set is compared with the true set of its sensor that is nearest in time.
-        gate: pairs further apart [rad] are a missed and a false direction; their errors count all the same.
-        gap_ns: true sets at most this far away in time; others are not compared.
+        found: estimated azimuths, any number per sensor and time.
+        truth: true azimuths; a set is compared with the nearest one in time of its sensor.
+        gate: pairs further apart [rad] count as a missed and a false direction; their errors are still counted.
+        gap_ns: largest difference in time between a set and its truth [ns]; other sets are not compared.
     """
     pairs, without = [], 0
     for sensor in np.unique(np.concatenate([found.sensor, truth.sensor])).tolist():
@@ -390,7 +433,7 @@ def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
 
     Args:
         found: estimated azimuths; rows of one time are a set.
-        truth: true azimuths, likewise.
+        truth: true azimuths; rows of one time are a set.
         gap_ns: largest difference in time of a set and its truth [ns].
     """
     times = np.unique(truth.t_ns)
@@ -445,7 +488,10 @@ def _spread(errors: Floats, gate: float) -> dict[str, float]:
 
 
 def _quantiles(errors: Floats) -> dict[str, float]:
-    """Return statistics of the absolute errors (n,) of all pairs [deg], by name."""
+    """Return median, 90 % quantile and maximum of the absolute errors, by name, in degrees; NaN without errors.
+
+    `errors`: (n,) [rad].
+    """
     if not len(errors):
         return dict.fromkeys(("error_median_deg", "error_p90_deg", "error_max_deg"), np.nan)
     size = np.degrees(np.abs(errors))

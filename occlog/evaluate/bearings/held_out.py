@@ -49,7 +49,11 @@ REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
 
 
 class HeldOutFrames(NamedTuple):
-    """Frames of one sensor with the bearings of each."""
+    """Frames of one sensor with the bearings reported in each.
+
+    `t_ns`: (N,) times [ns]; `bearing`: (N, K) azimuths [rad] and `u_px`: (N, K) horizontal pixel offsets, both NaN
+    where a frame has fewer than K bearings.
+    """
 
     t_ns: Ints  # (N,)
     bearing: Floats  # (N, K) azimuths, NaN where there are fewer than K
@@ -57,16 +61,21 @@ class HeldOutFrames(NamedTuple):
 
 
 class HeldOutResiduals(NamedTuple):
-    """Residuals of the nearest bearing, one for each frame in which the target should be in view."""
+    """Residuals of the nearest bearing in each of F frames in which the target should be in view.
+
+    `px` and `rad`: (F,) reported minus predicted [px] and [rad]; NaN where the frame has no bearing, `px` also without
+    pixels.
+    """
 
     px: Floats  # (F,) reported minus predicted; NaN where the frame reported nothing, or not a camera
     rad: Floats  # (F,)
 
 
 class HeldOutFigures:
-    """Accumulates prediction figures of held-out sensors, for each and over all of them.
+    """Accumulates the residuals of held-out sensors, predicted by tracks that were made without them.
 
-    Frames are buffered on disk, since the chance level pairs them with predictions of other times.
+    Figures are for each sensor and over all of them, each with a chance level, for which frames are paired with
+    predictions of other times. Therefore frames are buffered, in memory or on disk.
     """
 
     def __init__(
@@ -98,7 +107,12 @@ class HeldOutFigures:
         self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
     def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
-        """Add the bearings `rows` of a further section, and the tracks around it (`paths`, by target)."""
+        """Add the bearings of the next time interval.
+
+        Args:
+            rows: bearings of any sensors; those of held-out sensors are used, labelled or not.
+            paths: tracks by identity, in that interval and a little around it.
+        """
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
             self._rows[name] += len(own)
@@ -132,7 +146,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Return the bearings and pixels of one sensor's rows as arrays (frames, most in a frame), filled with NaN."""
+    """Return the detections of one sensor grouped by time: arrays (F, M) for F frames with up to M each, NaN-padded."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))
@@ -147,7 +161,7 @@ def frames_of(rows: Bearings) -> HeldOutFrames:
 def _expect(
     sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
 ) -> tuple[Floats, Floats, Bools]:
-    """Predict where a sensor should see a track at each of N frames.
+    """Predict what a sensor measures of a track at each of N frames.
 
     Args:
         sensor: the held-out sensor.
@@ -156,7 +170,8 @@ def _expect(
         config: largest gap in time that is interpolated.
 
     Returns:
-        (N,) bearings [rad], (N,) offsets [px], NaN if unknown, and (N,) mask: the target should be in view.
+        Azimuths (N,) [rad], horizontal pixel offsets (N,), NaN if unknown, and a mask (N,): the target should be in
+            view.
     """
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
@@ -167,7 +182,7 @@ def _expect(
 
 
 class _SpilledFrames:
-    """Frames of one sensor with the predictions from one track."""
+    """Frames of one sensor with the predictions from one track, buffered in memory or on disk."""
 
     def __init__(self, block: int, in_memory: int) -> None:
         self._block = block
@@ -186,7 +201,11 @@ class _SpilledFrames:
         self._count, self._rows = self._count + len(out), self._rows + len(rows)
 
     def predictions(self) -> Iterator[tuple[bool, HeldOutResiduals]]:
-        """Generate residuals in parts, with a flag: True for matching frames, False for frames of other times."""
+        """Generate residuals of the nearest bearings, part by part.
+
+        Each comes with a flag: True for predictions of the frames' own times, False for those of other times (cyclic
+        shifts), which give the chance level.
+        """
         for blocks in (self._frames, self._reported):
             blocks.end()
         shifts = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * self._count).astype(int))
@@ -198,9 +217,10 @@ class _SpilledFrames:
                     yield shift == 0, self._nearest(start, stop, at + start - begin)
 
     def _nearest(self, start: int, stop: int, at: int) -> HeldOutResiduals:
-        """Return the residuals of the bearings nearest to the predictions of frames `start` to `stop`.
+        """Return the residuals of the bearings that are nearest to the predictions for frames `start` to `stop`.
 
-        `at`: first of the frames with which they are paired; `start` pairs each with its own.
+        Bearings are taken from as many frames from index `at` on; with `at` equal to `start` they are those of the same
+        frames.
         """
         own = self._frames.rows(start, stop)
         usable = own["usable"]
@@ -223,7 +243,7 @@ class _SpilledFrames:
 
 
 class _Figures:
-    """Accumulated residuals [rad, px] at held-out sensors, and those of frames paired by chance."""
+    """Accumulated residuals [rad, px] of held-out sensors, and those of predictions of other times (chance level)."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int) -> None:
         self._gate = config.held_out_gate
@@ -277,7 +297,11 @@ HEIGHT = 1.7
 
 
 class BoxFrames(NamedTuple):
-    """Boxes of one camera: of frame k those from start[k] to start[k + 1], with pixels of centre and bottom."""
+    """Boxes of one camera, sorted by frame: those of frame k have the indices start[k] to start[k + 1].
+
+    `t_ns`: (F,) rising times of the frames [ns]; `start`: (F + 1,); `middle` and `feet`: (n, 2) pixels of the centre
+    and of the middle of the lower edge of each of the n boxes.
+    """
 
     t_ns: Ints  # (F,) times of the frames, rising
     start: Ints  # (F + 1,) first box of each frame
@@ -286,14 +310,18 @@ class BoxFrames(NamedTuple):
 
 
 class Walker(NamedTuple):
-    """A track with position and height of the person."""
+    """One track: times (M,) [ns] and states (M, 3): x, y and body height, in the scene's unit of length."""
 
     t_ns: Ints
     state: Floats  # (M, 3) x, y, height
 
 
 class HeldOutTally(NamedTuple):
-    """Numbers of boxes and of tracks expected in a camera's image, and distances (n,) of the pairs [px]."""
+    """Result of pairing boxes with projected tracks, summed over the frames of a camera.
+
+    `boxes`: number of boxes; `middles` and `feet`: distances [px] of the pairs between box centres, and between lower
+    edges of boxes, and the projections; `expected`: number of projections in the image.
+    """
 
     boxes: int
     middles: Floats
@@ -302,11 +330,13 @@ class HeldOutTally(NamedTuple):
 
 
 def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scene, config: EvaluateConfig) -> Metrics:
-    """Figures for every camera held out, and over all of them; InputError for one without boxes or without a pose.
+    """Compare the boxes of held-out cameras with the projections of tracks that were made without these cameras.
 
-    `held_out_boxes_share` is the share of boxes with a middle that is predicted within `held_out_gate_px`,
-    `held_out_boxes_feet_share` the same of the feet, `..._precision` the share of the tracks expected in the image that
-    predict a box, `..._median_px` the median distance of the pairs, `..._chance` the share at other times.
+    Returns figures over all held-out cameras, and of each if there are several (suffix `_sensor_NAME`):
+    `held_out_boxes_share`: share of boxes with a centre that is predicted within `held_out_gate_px`;
+    `held_out_boxes_feet_share`: with a lower edge that is; `held_out_boxes_precision`: share of the projections in the
+    image that predict a box; `held_out_boxes_median_px`: median distance of the pairs; `held_out_boxes_share_chance`:
+    share with predictions of other times. InputError for a camera without boxes or without a pose.
     """
     cameras = {camera.name: camera for camera in scene.cameras if camera.placed}
     height = HEIGHT / METRES.get(scene.length_unit, 1.0)
@@ -335,7 +365,7 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
 
 
 def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
-    """Boxes of one camera by frame; frames without boxes included."""
+    """Return the boxes of one camera by frame. Times of rows without a box are frames, too."""
     rows = boxes.take(boxes.sensor == camera)
     times = np.unique(rows.t_ns)
     if isinstance(rows, Boxes):
@@ -352,7 +382,10 @@ def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
 
 
 def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
-    """Return all tracks with heights; `height`: that of tracks without one, in the scene's unit."""
+    """Return every track with the person's height.
+
+    `height`: used where a track has none; in the scene's unit of length.
+    """
     out = []
     for label in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == label)
@@ -362,17 +395,14 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
 
 
 def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
-    """Pair the boxes of each frame one to one with the tracks at the frame `shift` frames later.
+    """Pair the boxes of each frame one to one with the tracks, projected at the frame `shift` frames later.
 
     Args:
         camera: the held-out camera.
         frames: its boxes.
         walkers: tracks with heights.
-        config: gate [px] and largest gap.
-        shift: number of frames; 0 gives true pairs, others pairs by chance.
-
-    Returns:
-        Number of boxes, distances [px] of centres and of feet of pairs, and number of tracks in the image.
+        config: gate [px] of a pair, and largest gap of a track that is interpolated.
+        shift: number of frames, cyclic; 0 gives true pairs, others give pairs by chance.
     """
     times = np.roll(frames.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
@@ -394,12 +424,12 @@ def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: Eval
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
-    """Return the pixels (F, K, 2) of points of K people in F frames, at a share of their height; NaN if unknown.
+    """Project a point of each of K people at F times into the image; return pixels (F, K, 2), NaN where unknown.
 
     Args:
-        camera: by which they are seen.
-        state: (F, K, 3) x, y and height of each person.
-        share: of the height, 0 (feet) to 1.
+        camera: the camera.
+        state: (F, K, 3) x, y and height of each person in the world; NaN: absent.
+        share: height of the point over that of the person, 0 (feet) to 1.
     """
     flat = state.reshape(-1, 3)
     out = np.full((len(flat), 2), np.nan)
@@ -409,7 +439,7 @@ def project(camera: Camera, state: Floats, share: float) -> Floats:
 
 
 def _in_image(camera: Camera, pixels: Floats) -> Bools:
-    """Return the mask (K,) of `pixels` (K, 2) in the image; without an image size, of those in front of the camera."""
+    """Return the mask (K,) of the `pixels` (K, 2) that are in the image; without an image size, of those not NaN."""
     known: Bools = np.isfinite(pixels[:, 0]) & np.isfinite(pixels[:, 1])
     if camera.image_size is None:
         return known
@@ -419,7 +449,13 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
 
 
 def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
-    """Return the figures of true pairs (`real`) and of pairs by chance, with names that end in `suffix`."""
+    """Return the figures of held-out cameras by name.
+
+    Args:
+        real: pairs of boxes and projections of equal times, of each camera.
+        chance: pairs with projections of other times.
+        suffix: ending of the names.
+    """
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)

@@ -44,12 +44,12 @@ from occlog.records.tables import LAST, Bearings
 
 
 class Scans(NamedTuple):
-    """Complete scans of one target.
+    """Complete scans of one target: groups of bearings of several sensors that are near in time.
 
     Attributes:
         target: its identity.
-        rows: in the order of time.
-        starts: (S + 1,) first row of each scan, then their number.
+        rows: bearings in the order of time.
+        starts: (S + 1,) first row of each of S scans, then the number of rows.
     """
 
     target: int
@@ -58,14 +58,14 @@ class Scans(NamedTuple):
 
 
 def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
-    """Return the rows of labelled detections of sensors that are not held out."""
+    """Return the rows that are detections with a target label, of sensors that are not held out."""
     return bearings.take(
         bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, np.array(config.held_out, dtype=np.str_))
     )
 
 
 class ScanCuts:
-    """Groups a stream of rows into scans, independent of chunk borders."""
+    """Groups the labelled bearings of a stream into scans; the result does not depend on the borders of its chunks."""
 
     def __init__(self, config: EvaluateConfig) -> None:
         """Create an empty buffer of rows, with the duration of a scan from the configuration."""
@@ -74,10 +74,10 @@ class ScanCuts:
         self._held: dict[int, Bearings] = {}
 
     def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
-        """Generate the scans that further rows complete, by target.
+        """Add rows, and generate for each target the scans that are now complete.
 
         Args:
-            rows: next rows (see `labelled`), which follow those before in time.
+            rows: labelled detections, not earlier than those of the call before.
             end_ns: no later row is before this time [ns]; `LAST`: no row follows.
         """
         held, self._held = self._held, {}
@@ -95,7 +95,7 @@ class ScanCuts:
 
 
 def scan_starts(rows: Bearings, window_ns: int) -> Ints:
-    """Return the first row of each scan (S + 1,), then the number of rows.
+    """Divide the rows of one target into S scans; return the first row of each, then the number of rows (S + 1,).
 
     A scan lasts at most `window_ns` after its first row and holds each sensor at most once.
     """
@@ -129,7 +129,10 @@ ITERATIONS = 200
 
 
 class NoiseFigures:
-    """Accumulates triangulation residuals over a stream of scans."""
+    """Estimates a common factor on the stated standard deviations of bearings, over a stream of scans.
+
+    It is found from the residuals of lines of sight at their triangulated point, in scans of three sensors or more.
+    """
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Start without scans; up to `in_memory` numbers of each kind stay in memory."""
@@ -141,14 +144,17 @@ class NoiseFigures:
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
-        """Add scans of a target; `sensors`: by name."""
+        """Triangulate the scans of a target and add their residuals; `sensors`: by name."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
         self._squares.add(squares)
         self._degrees.add(degrees.astype(np.float64))
 
     def result(self) -> Metrics:
-        """Noise figures; empty if no scan with three lines met."""
+        """Return number of scans, factor on the stated standard deviations, and the resulting noise [px], by name.
+
+        The noise is NaN without pixels. Empty if no scan has three lines of sight that meet.
+        """
         if not self._squares.count:
             return {}
         squares, degrees = self._squares.whole, self._degrees.whole
@@ -168,12 +174,15 @@ class NoiseFigures:
 
 
 def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
-    """Return the factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
+    """Return the factor on the stated standard deviations that explains the residuals of scans.
+
+    A mixture of scans with correct bearings (chi-square) and with false ones is fitted by expectation maximisation. NaN
+    with fewer than `MIN_SCANS` scans.
 
     Args:
-        squares: (S,) sums of squared residuals over stated variances.
-        degrees: (S,) their degrees of freedom, >= 1.
-        near: factor known from most of the scans, to which it is near; None: unknown.
+        squares: (S,) sum of squared residuals over stated variances, of each scan.
+        degrees: (S,) degrees of freedom of each, >= 1.
+        near: start of the fit, a factor known from most of the scans; None: starts from the median.
     """
     if len(squares) < MIN_SCANS:
         return float("nan")
@@ -181,7 +190,7 @@ def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> fl
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
-    """Return the upper quantiles (S,) of chi-square with `degrees` (S,) of freedom, exceeded with the `chance`."""
+    """Return the values (S,) that chi-square with `degrees` (S,) of freedom exceeds with the probability `chance`."""
     most = int(degrees.max(initial=1))
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
@@ -189,12 +198,12 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
 def noise_scale_of_many(
     blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
 ) -> float:
-    """Return the factor on the stated standard deviations (`noise_scale`) of numbers that are generated in blocks.
+    """Return the factor on the stated standard deviations, as `noise_scale`, of data that is generated in blocks.
 
     Args:
-        blocks: generates squares and degrees of freedom, equal at each call.
-        count: number of them, at least `MIN_SCANS`.
-        near: factor known from most of the scans; None: unknown.
+        blocks: generates sums of squares (n,) and degrees of freedom (n,), the same at each call.
+        count: number of all sums, at least `MIN_SCANS`.
+        near: start of the fit, a factor known from most of the scans; None: starts from the median.
     """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
@@ -215,20 +224,25 @@ def noise_scale_of_many(
 
 
 class NoiseFit(NamedTuple):
-    """Local maximum of the likelihood of a mixture: variance factor, and log-likelihood."""
+    """Local maximum of the likelihood of a mixture of measurement errors.
+
+    Attributes:
+        scale2: factor of the stated variances.
+        log_likelihood: logarithm of the likelihood at the maximum.
+    """
 
     scale2: float
     log_likelihood: float
 
 
 def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
-    """Fit the variance factor of a mixture of true and false bearings by EM.
+    """Fit the variance factor of a mixture of scans with and without a false bearing by expectation maximisation.
 
     Args:
-        blocks: generates (sums of squared normalised residuals, their degrees of freedom), once per iteration.
-        count: number of sums.
-        start: variance factor to begin with.
-        most: largest sum of squares, which limits the range of false ones.
+        blocks: generates (sums of squared normalised residuals, their degrees of freedom); called once per iteration.
+        count: number of all sums.
+        start: initial variance factor.
+        most: largest sum of squares, which limits the range of those with a false bearing.
     """
     scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
@@ -249,11 +263,13 @@ def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, s
 
 
 def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
-    """(S,) densities of the square root of sums of squared residuals without a false bearing.
+    """Return the densities (S,) of the roots of sums of squared residuals, without a false bearing.
+
+    They have a scaled chi distribution.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
-        degrees: (S,) of freedom.
+        degrees: (S,) degrees of freedom.
         scale2: factor on the variances.
     """
     root = np.sqrt(np.maximum(squares / scale2, TINY))
@@ -262,15 +278,15 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
-    """Return the squared residuals of scans of one target in which three lines of sight or more met.
+    """Triangulate the scans of a target; return the squared residuals where three or more lines of sight meet.
 
     Args:
         scans: n bearings, grouped.
-        origins: (n, 2) position of the sensor of each.
-        config: least angle between the lines.
+        origins: (n, 2) ground position of the sensor of each bearing.
+        config: minimum angle between the lines.
 
     Returns:
-        (k,) sums of squared normalised residuals, and (k,) degrees of freedom.
+        Sums (k,) of squared residuals over stated variances, and degrees of freedom (k,): number of lines minus 2.
     """
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
@@ -292,7 +308,11 @@ BIAS_SIGNIFICANCE = 3.0
 
 
 class MeasuredNoise(NamedTuple):
-    """Noise of one camera's measurements at known positions [px]."""
+    """Noise of the pixel measurements of one camera, from targets at known positions [px].
+
+    `sigma`: standard deviation; `error`: its standard error; `bias`: mean residual; `bias_error`: standard error of
+    that; `readings`: number of measurements.
+    """
 
     sigma: float  # standard deviation about the truth
     error: float  # standard error of it
@@ -302,10 +322,10 @@ class MeasuredNoise(NamedTuple):
 
 
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
-    """Return the noise of readings (n,), in the order of time, without false ones; None with fewer than `MIN_READINGS`.
+    """Return the noise of a camera's measurements, without false ones; None with fewer than `MIN_READINGS` of them.
 
-    False readings are excluded by the mixture of `noise_scale`. Standard errors are by a jackknife over `STRETCHES`
-    intervals. `residual_px`: residuals of the readings [px].
+    False measurements are excluded by the mixture of `noise_scale`. Standard errors are by a jackknife over `STRETCHES`
+    intervals. `residual_px`: (n,) measured minus true [px], in the order of time.
     """
     n = len(residual_px)
     if n < MIN_READINGS:
@@ -320,7 +340,10 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
 
 
 def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
-    """Return the noise of residuals [px] in a temporary file, with standard errors by a jackknife over time."""
+    """Return the noise of a camera's measurements, as `measured_noise`, from residuals [px] in a temporary file.
+
+    The file is read several times, block by block. At least `MIN_READINGS` are needed.
+    """
     n = residual_px.count
     # As `np.array_split` cuts them
     cuts = [n // STRETCHES * k + min(n % STRETCHES, k) for k in range(STRETCHES + 1)]
@@ -360,13 +383,13 @@ def _sigma(residual_px: Floats, near: float | None = None) -> float:
 
 
 def _jackknife(without: Floats) -> float:
-    """Jackknife standard error from estimates without one part each."""
+    """Return the jackknife standard error from estimates `without` (B,), each made without one of B parts of data."""
     B = len(without)
     return math.sqrt((B - 1) / B * float(((without - without.mean()) ** 2).sum()))
 
 
 class NoiseFromTruth:
-    """Accumulates readings of unoccluded targets at known positions over a stream of observations."""
+    """Accumulates residuals [px] of unoccluded targets at known positions, for each camera, over a stream."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Start without readings.
@@ -379,7 +402,10 @@ class NoiseFromTruth:
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Add residuals of further frames, by name of the sensor: of visible targets that were reported."""
+        """Add the residuals of further frames: of targets that should be visible and were reported.
+
+        `observations`: by name of the sensor; sensors that are no cameras of the scene are skipped.
+        """
         for name in observations.keys() & self._residuals.keys():
             own = observations[name].observations
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
@@ -388,10 +414,10 @@ class NoiseFromTruth:
             self._residuals[name].add(own.residual_px[use][order])
 
     def noise(self) -> dict[str, MeasuredNoise]:
-        """Return the noise of every camera with enough readings, by name.
+        """Return the measured noise of every camera with enough readings, by name.
 
         Raises:
-            InputError: no camera has them.
+            InputError: no camera has enough.
         """
         out = {}
         for name, residuals in self._residuals.items():
@@ -409,7 +435,7 @@ class NoiseFromTruth:
 
 
 def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
-    """Return the scene with the measured noise, and no pose errors, of the cameras in `noise`."""
+    """Return the scene with the measured noise in the cameras that are in `noise` (by name), and pose errors of 0."""
     cameras = [
         replace(c, sigma_read_px=noise[c.name].sigma, sigma_position=0.0, sigma_yaw=0.0) if c.name in noise else c
         for c in scene.cameras
@@ -418,7 +444,7 @@ def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
 
 
 def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...]:
-    """Notes for the user: cameras that keep the stated noise, and cameras with biased readings."""
+    """Return notes for the user: cameras that keep their stated noise, and cameras with biased measurements."""
     kept = [c.name for c in scene.cameras if c.name not in noise]
     lines = []
     if kept:
@@ -447,7 +473,7 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
 
 
 def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
-    """Comment lines of a scene file that state the source of its noise."""
+    """Return comment lines (YAML) for a scene file that state the measured noise of each camera, by name."""
     lines = [
         "# noise measured at known positions (occlog evaluate), measurement_noise_px +- standard error (readings):"
     ]

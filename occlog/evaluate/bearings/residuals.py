@@ -40,7 +40,12 @@ Metrics = dict[str, float]
 
 
 class TriangulationSeries(NamedTuple):
-    """Triangulated positions of one target by scan; NaN if rejected."""
+    """Triangulated positions of one target, one for each of S scans (`xy` and `covariance` are NaN where rejected).
+
+    `t_ns`: (S,) mean time [ns]; `xy`: (S, 2) in the world; `covariance`: (S, 2, 2); `status`: (S,) code of
+    `core.triangulate.STATUS`; `n_lines`: (S,) number of lines of sight; `residual`: (R,) angles [rad] of all lines of
+    accepted scans with three lines or more.
+    """
 
     t_ns: Ints  # (S,) mean time of the scan's lines
     xy: Floats  # (S, 2)
@@ -51,9 +56,9 @@ class TriangulationSeries(NamedTuple):
 
 
 def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, TriangulationSeries]:
-    """Triangulated positions of every target with labelled bearings, by identity.
+    """Triangulate every target from its labelled bearings; return the positions by identity of the target.
 
-    Held-out sensors are skipped, as are scans with fewer than `triangulation_min_sensors` lines.
+    Held-out sensors are skipped, as are scans with fewer than `triangulation_min_sensors` lines of sight.
     """
     rows = labelled(bearings, config)
     sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
@@ -63,7 +68,10 @@ def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig
 def triangulate_scan(
     scans: Scans, sensors: Mapping[str, SensorGeometry], config: EvaluateConfig
 ) -> TriangulationSeries:
-    """Triangulated positions of a target's scans; `sensors`: by name."""
+    """Triangulate a target in each of its scans with at least `triangulation_min_sensors` lines of sight.
+
+    `sensors`: by name.
+    """
     rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
     keep = size >= config.triangulation_min_sensors
@@ -99,9 +107,9 @@ class TriangulationFigures:
         """Start without scans.
 
         Args:
-            unit: of lengths.
-            config: how lines of sight meet, and largest gap between samples of tracks.
-            in_memory: how many numbers of a kind are kept in memory.
+            unit: unit of lengths, part of the names of figures.
+            config: loss and minimum angle of the triangulation, and largest gap of tracks that is interpolated.
+            in_memory: how many numbers of a kind are kept in memory; more go to a temporary file.
         """
         self._unit, self._config = unit, config
         self._total = self._met = self._within = self._residuals = 0
@@ -112,9 +120,9 @@ class TriangulationFigures:
         """Triangulate further scans of a target, and compare them with its track.
 
         Args:
-            scans: of the target.
+            scans: scans of the target.
             sensors: by name.
-            path: the track, or its section around the scans; None: there is none.
+            path: the track, at least around the scans; None: the target has no track.
         """
         found = triangulate_scan(scans, sensors, self._config)
         met = found.status == triangulate.TRIANGULATED
@@ -156,7 +164,11 @@ class TriangulationFigures:
 
 
 class AgainstBearings:
-    """Accumulates figures of bearings and, with distance measurements, of the bound."""
+    """Accumulates all figures that need bearings or distance measurements, interval by interval.
+
+    They are: detections against truth, Cramer-Rao bound, triangulation against tracks, held-out sensors, and noise of
+    bearings. Call `begin`, `update` for each interval, `finish`; then read the figures.
+    """
 
     def __init__(
         self,
@@ -172,11 +184,11 @@ class AgainstBearings:
 
         Args:
             sources: inputs; they have bearings and tracks, a truth or both, or measurements and a truth.
-            known: of tracks and truth.
-            outlines: of the truth.
+            known: identities and times of tracks and truth.
+            outlines: coarse paths of the true objects.
             scene: the sensors.
             config: gates, limits, bound.
-            with_positions: whether noise is measured at known positions; there is a truth.
+            with_positions: whether the noise of cameras is measured at true positions; needs a truth.
         """
         self._sources, self._known, self._outlines = sources, known, outlines
         self._scene, self._config = scene, config
@@ -203,8 +215,8 @@ class AgainstBearings:
         """Open bearings and measurements; return the tables to read along with tracks and truth.
 
         Args:
-            pairs: which target each track is of.
-            evidence: takes what bearings state about the tracks.
+            pairs: target of each track, by identity.
+            evidence: receives what bearings say about the consistency of the tracks.
             high_tracks: whether any track has a height.
         """
         sources, config = self._sources, self._config
@@ -249,7 +261,10 @@ class AgainstBearings:
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
     def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
-        """Add a section with its errors; `late` (n,) masks the n errors after the transient."""
+        """Add the next time interval (`part`), with the errors of its estimates.
+
+        `late`: (n,) mask of the n errors that are after the settling time.
+        """
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
         new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
@@ -280,13 +295,19 @@ class AgainstBearings:
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
-        """Return the tracks around the scans that end in a section (they may have begun before it), by label."""
+        """Return the tracks by identity, around all scans that end in the interval `part`.
+
+        Scans may have begun before the interval. Empty if tracks are not compared with triangulated positions.
+        """
         if self._intersection is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Return the paths of targets and of moving occluders by label; positions far off in time are approximate."""
+        """Return the true paths of targets, and of moving occluders, by identity, around the interval `part`.
+
+        Far from the interval only coarse samples are in them.
+        """
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
@@ -307,10 +328,10 @@ class AgainstBearings:
         }
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Finish after the last section; the bound is passed to `take`.
+        """Finish after the last interval; the table of the bound is passed to `take`, in pieces.
 
         Raises:
-            InputError: as `Bounds.finish`, and of measurements that cannot be.
+            InputError: the bound cannot be computed (`Bounds.finish`), or distance measurements are implausible.
         """
         if self._distances is not None:
             self._distances.finish()
@@ -334,20 +355,25 @@ class AgainstBearings:
         return metrics | self._bound.result(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
-        """Figures of the bound after the transient, by name; empty without a bound."""
+        """Return the figures of the bound over the time after the settling time, by name; empty without a bound."""
         return self._bound.result(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
 
     def noise(self) -> Metrics:
-        """Return the figures of the noise of bearings by name."""
+        """Return the noise of bearings as estimated from triangulation residuals, by name.
+
+        Empty without scans in which three lines of sight meet.
+        """
         return self._noise.result()
 
     def meeting(self) -> Metrics:
-        """Triangulation figures and held-out sensors; empty without tracks."""
+        """Return the figures of triangulation against tracks, and of held-out sensors; empty without tracks."""
         found = {} if self._intersection is None else self._intersection.result()
         return found if self._held_out is None else found | self._held_out.result()
 
     def noise_at_known_positions(self) -> dict[str, MeasuredNoise]:
-        """Noise of each camera at known positions; empty unless requested.
+        """Return the noise of each camera, measured where the target's true position is known.
+
+        Empty unless it was requested.
 
         Raises:
             InputError: no camera has enough readings.
@@ -360,11 +386,11 @@ class AgainstBearings:
 
 
 def no_intersection(labelled: bool, config: EvaluateConfig) -> str:
-    """Reason why no track was compared with triangulated positions, with the remedy.
+    """Return the reason why no track was compared with triangulated positions, with the remedy.
 
     Args:
-        labelled: a bearing states which target it is of.
-        config: time window of a scan.
+        labelled: whether any bearing states its target.
+        config: time window and minimum number of sensors of a scan.
     """
     if labelled:
         return (

@@ -44,23 +44,25 @@ USUAL = (".mcap", ".parquet", ".csv")
 
 
 class ComparedRun(NamedTuple):
-    """A table of tracks with its true positions."""
+    """Paths of a table of tracks and of the recording or table with its true positions."""
 
     tracks: Path
     truth: Path
 
 
 def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
-    """Runs of a method, by recording name.
+    """Return the runs of a method by recording name.
+
+    The name is the path of the run folder in the folder; empty for a single table or run folder.
 
     Args:
         method: a table of tracks, a run folder, or a folder with run folders at any depth.
-        truth: a recording or a table, or a folder of such by the names of the run folders, in folders as these are or
-            not; None: `recording.mcap` of each run folder.
+        truth: a recording or a table; or a folder of these, named as the run folders, with or without their subfolders;
+            None: `recording.mcap` of each run folder.
 
     Raises:
         UsageError: no truth is given, and none is found.
-        InputError: no tracks are there, or no truth of some.
+        InputError: the folder has no tracks, or a run has no truth or two.
     """
     if not method.is_dir():
         return {"": ComparedRun(method, _truth(truth, None, ""))}
@@ -105,7 +107,10 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
-    """InputError if one truth file would be used for two runs."""
+    """Raise InputError if two of the `runs` (by name) have the same file as truth.
+
+    `truth`: folder of the truths, for the message.
+    """
     first: dict[Path, str] = {}
     for name, run in runs.items():
         other = first.setdefault(run.truth, name)
@@ -118,10 +123,14 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
 
 
 def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, ComparedRun]]]:
-    """Return the names of the recordings common to all methods, and for each method its run by recording.
+    """Return the recording names, and for each method its runs by these names.
+
+    Args:
+        methods: tables of tracks, run folders, or folders of run folders.
+        truth: true positions (see `runs_of`).
 
     Raises:
-        InputError: they have none in common, or some lack one that others have.
+        InputError: a method lacks a recording that another one has.
     """
     runs = [runs_of(method, truth) for method in methods]
     names = sorted(set().union(*runs))
@@ -192,15 +201,15 @@ def compare_runs(
     match_distance: float | None,
     seed: int,
 ) -> MetricComparison:
-    """Compare each later method with the first one.
+    """Compare each later method with the first one, figure by figure, with intervals and tests.
 
     Args:
         methods: two or more: tables of tracks, run folders or folders of those.
-        truth: see `runs_of`.
-        figures: names; empty: all.
+        truth: recording, table or folder of these (see `runs_of`).
+        figures: names of the metrics; empty: all.
         conditions: what makes the comparison fail.
-        match_distance: a track meets a target this near, in the unit of the tracks; None: 1 m.
-        seed: of the draws.
+        match_distance: gate of a match of track and target, in the unit of the tracks; None: 1 m.
+        seed: seed of the random draws.
     """
     for name in figures:
         if name not in FIGURES:
@@ -260,13 +269,13 @@ def _unit(runs: Sequence[ComparedRun]) -> str:
 
 
 def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
-    """Return the sums (true frames, k) that a recording's frames add to the figures of a run.
+    """Return the sums (F, k) that each of F true frames of a recording adds to the metrics of a run.
 
     Args:
         run: tracks and truth.
-        first: run of the first method on the same recording; InputError unless its truth is the same.
+        first: run of the first method on the same recording; InputError unless its truth is equal.
         limit: largest distance of a pair, in `unit`.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
@@ -287,7 +296,10 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
 
 
 def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
-    """InputError if all tracks are before or after the truth, which indicates wrong clocks."""
+    """Raise InputError if all times of the tracks (n,) are before or after those of the truth (m,) [ns].
+
+    Clocks then differ, probably. `run`: names the files in the message.
+    """
     (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
     if b < c or d < a:
         raise InputError(
@@ -298,7 +310,7 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
 
 
 def _same(a: Truth, b: Truth) -> bool:
-    """Whether two truths have the same rows, in the same order."""
+    """Return whether two truths have the same rows, in the same order."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
@@ -306,7 +318,10 @@ def _same(a: Truth, b: Truth) -> bool:
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
-    """Return the p-values by (method, figure) after Holm's correction; undecided comparisons (NaN) do not count."""
+    """Return the p-values by (method, metric), corrected for multiple tests (Holm 1979).
+
+    NaN stays NaN and does not count as a test.
+    """
     known = sorted((value, key) for key, value in p.items() if np.isfinite(value))
     out, most = dict.fromkeys(p, float("nan")), 0.0
     for k, (value, key) in enumerate(known):
@@ -316,13 +331,13 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
 
 
 def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
-    """Return `better`, `worse`, `no difference shown` or `not decided` for a figure of a run.
+    """Return `better`, `worse`, `no difference shown` or `not decided` for one metric of a method.
 
     Args:
-        figure: its name, by which less or more is better.
-        found: difference from the first run.
-        holm: p-value, corrected for the rows by Holm's method.
-        rows: number of rows tested together.
+        figure: name of the metric, which decides whether less or more is better.
+        found: difference from the first method.
+        holm: p-value after Holm's correction.
+        rows: number of comparisons tested together.
     """
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
@@ -332,9 +347,10 @@ def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> st
 
 
 def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
-    """Return the message for a condition that a row meets; empty if it does not.
+    """Return the message if a comparison meets the condition of failure, or is undecided; empty if it does not.
 
-    The probability that any of `later` methods fails without being worse is at most `ALPHA` (Bonferroni).
+    `later`: number of methods after the first. The probability that any of them fails without being worse is at most
+    `ALPHA` (Bonferroni).
     """
     found, less = row.found, row.figure in LESS_IS_BETTER
     if not np.isfinite(found.p) or found.least >= ALPHA / later:
@@ -349,7 +365,7 @@ def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
 
 
 def _why(row: ComparisonRow, later: int) -> str:
-    """Reason why a row is undecided against `later` methods."""
+    """Return the reason why a comparison is undecided; `later`: number of methods after the first one."""
     found = row.found
     if np.isfinite(found.p):
         return f"of {found.segments} recordings nothing can be shown of {later} methods; take more recordings"

@@ -13,7 +13,7 @@ from occlog.records.losses import Loss
 
 
 class Condition(NamedTuple):
-    """Condition of failure: a later method's figure is worse than the first one's by more than a margin."""
+    """Condition of failure (`--fail-if`): a later method's metric is worse than the first one's by over a margin."""
 
     figure: str
     margin: float = 0.0
@@ -25,14 +25,14 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """Comparison of one method with the first one in one figure.
+    """Comparison of one method with the first one in one metric.
 
     Attributes:
-        method: position among those that were given, from 1.
-        figure: name.
-        found: findings.
-        holm: p, with all rows of a comparison tested together (Holm 1979).
-        verdict: `better`, `worse`, `no difference shown` or `not decided`, for the later method.
+        method: index among the methods, from 0 (the first one, which has no rows).
+        figure: name of the metric.
+        found: both values, difference and test.
+        holm: p-value, with all rows of a comparison tested together (Holm 1979); NaN: undecided.
+        verdict: `better`, `worse`, `no difference shown` or `not decided`, for this method.
     """
 
     method: int
@@ -43,12 +43,12 @@ class ComparisonRow:
 
 
 class Implausible(NamedTuple):
-    """Tracks that a stage found implausible.
+    """Tracks that a stage of processing found implausible.
 
     Attributes:
-        method: position among those that were given, from 0.
-        recording: name.
-        warnings: the lines that state why.
+        method: index among the methods, from 0.
+        recording: name of the recording.
+        warnings: messages that state why.
     """
 
     method: int
@@ -58,16 +58,16 @@ class Implausible(NamedTuple):
 
 @dataclass(frozen=True)
 class MetricComparison:
-    """Comparison of all methods in one metric.
+    """Result of `occlog compare`: comparisons of all later methods with the first one, in all requested metrics.
 
     Attributes:
-        rows: by method and figure.
-        recordings: names.
-        frames: how many there are in all.
-        unit: of lengths.
-        failed: one sentence for each condition that is met.
-        losses: the losses when tracks and truth were made.
-        implausible: tracks that a stage found not plausible.
+        rows: one comparison for each method and metric.
+        recordings: their names.
+        frames: number of true frames of all recordings.
+        unit: unit of lengths.
+        failed: one sentence for each condition of failure that is met.
+        losses: data losses when tracks and truths were made.
+        implausible: tracks that a stage found implausible.
     """
 
     rows: tuple[ComparisonRow, ...]
@@ -84,7 +84,7 @@ LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
 
 
 def rows_of(found: MetricComparison, method: int) -> list[tuple[str, ...]]:
-    """Return the cells of the table rows of the method with this index, numbers as text."""
+    """Return the table rows of one method (index from 0) as text: a row for each metric, columns as in `HEAD`."""
     return [_cells(row) for row in found.rows if row.method == method]
 
 

@@ -46,14 +46,20 @@ KINDS = ("bound", "smoothed")
 
 
 class BoundDimensions(NamedTuple):
-    """Dimensions in which information is buffered on disk; the one used for each target is known at the end."""
+    """Whether Fisher information is buffered on disk for the plane (x, y), for space (x, y, z), or for both.
+
+    Which of them the bound of a target uses is known after the last row only.
+    """
 
     ground: bool
     space: bool
 
     @classmethod
     def of(cls, config: EvaluateConfig, *, high: bool) -> BoundDimensions:
-        """Dimensions by the configuration; `high`: whether some track and some target have heights."""
+        """Return the dimensions that the setting `bound_dimension` needs.
+
+        `high`: whether both a track and a target have heights.
+        """
         if config.bound_dimension == "auto":
             return cls(True, high)
         return cls(config.bound_dimension == "ground", config.bound_dimension == "space")
@@ -61,7 +67,18 @@ class BoundDimensions(NamedTuple):
 
 @dataclass
 class _BoundTarget:
-    """State of the recursion of the bound for one target, between blocks of rows."""
+    """State of the recursion of the Cramer-Rao bound for one target, between blocks of rows.
+
+    Attributes:
+        first_ns: time of the first observation [ns]; None: none.
+        errors, late: numbers of its estimates, and of those after the settling time.
+        in_space: an estimate and the truth both have a height at some time.
+        ranged: it has distance measurements.
+        d: dimension of the bound, 2 or 3.
+        last_ns: time of the last row so far [ns]; None: none.
+        state: matrix of the state passed on from block to block: forwards the filtering bound (a covariance) of the
+            last step, backwards the information of all later steps; None: no block yet.
+    """
 
     first_ns: int | None = None  # of its first pass
     errors: int = 0
@@ -74,7 +91,7 @@ class _BoundTarget:
 
 
 class BoundSums:
-    """Sums over rows of the bound, and over errors at the same rows."""
+    """Sums of squares over rows of the bound, and over errors of estimates at the same rows, for RMS values."""
 
     def __init__(self) -> None:
         """Create sums without rows."""
@@ -112,7 +129,7 @@ class BoundSums:
 
     @classmethod
     def together(cls, parts: Iterable[BoundSums]) -> BoundSums:
-        """Return new sums over the rows of all parts."""
+        """Return new sums over the rows of all `parts`, such as several targets."""
         out = cls()
         out.update(Bound.empty(), np.zeros(0), np.zeros(0))
         for part in parts:
@@ -124,12 +141,14 @@ class BoundSums:
         return out
 
     def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
-        """Return the figures of the bound by name.
+        """Return RMS values over all rows of the bounds of filtering and smoothing, by name; NaN without rows.
+
+        If rows have a bound in space, also those of the height and of the distance in space.
 
         Args:
-            unit: of lengths, part of the names.
-            suffix: of the names.
-            with_errors: true: also those of errors at the same rows.
+            unit: unit of lengths, part of the names.
+            suffix: part of the names, before the unit.
+            with_errors: whether to add the ratios of the RMSE of the estimates to the bounds, and their number.
         """
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
@@ -151,7 +170,10 @@ class BoundSums:
 
 
 class Bounds:
-    """Buffers information and errors section by section, and computes the bound at the end."""
+    """Computes the posterior Cramer-Rao bound of all targets, of filtering and of smoothing.
+
+    `update` buffers Fisher information and errors on disk, interval by interval; `finish` runs the recursions.
+    """
 
     def __init__(
         self,
@@ -164,11 +186,11 @@ class Bounds:
         """Create an empty bound.
 
         Args:
-            scene: room and unit.
+            scene: room (for the prior) and unit of length.
             config: motion, prior, dimensions.
-            high: targets with a true height anywhere.
-            ways: information of how many dimensions is buffered on disk.
-            block: records that are worked on at once.
+            high: identities of the targets with a true height at some time.
+            ways: dimensions (ground plane, space) in which the information of measurements is buffered.
+            block: number of records that are processed at once.
         """
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
         self._block = block
@@ -200,15 +222,15 @@ class Bounds:
         targets: Mapping[int, ObjectPath],
         measured: StationMeasurements | None = None,
     ) -> None:
-        """Add the tables of a further time interval.
+        """Add the next time interval.
 
         Args:
-            observations: observations of each sensor that counts, by its name.
-            sensors: of these names.
-            errors: in the order of time.
-            late: (N,) which of them are after the transient.
-            targets: path of each target, or the part of it about the section.
-            measured: distances.
+            observations: by name of the sensor.
+            sensors: by name, at least those.
+            errors: N errors of estimates, in the order of time.
+            late: (N,) mask of those after the settling time.
+            targets: true path of each target, at least around the interval.
+            measured: distance measurements in the interval; None: none.
         """
         labels = [errors.target_id.astype(np.int64), *(found.observations.target for found in observations.values())]
         labels += [] if measured is None else [measured.target]
@@ -235,16 +257,16 @@ class Bounds:
         path: ObjectPath,
         measured: StationMeasurements | None,
     ) -> Records:
-        """Return the records of one target in a section: Fisher information, and errors of estimates, at each time.
+        """Return the records of one target in a time interval: Fisher information and errors at each time.
 
-        Empty until the target is observed first.
+        Empty until the target is first observed. Updates the target's state in place.
 
         Args:
-            target: its label.
+            target: its identity.
             observations: by sensor, of all targets.
             sensors: by name.
-            errors: of the target's estimates.
-            late: (n,) mask of those after the transient.
+            errors: errors of the target's estimates.
+            late: (n,) mask of those after the settling time.
             path: true positions of the target.
             measured: distances to stations; None: there are none.
         """
@@ -280,7 +302,7 @@ class Bounds:
         return out
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Compute the bound of all rows, and pass it to `take` in pieces, in the order of time.
+        """Compute the bound after the last interval; pass it to `take`, table by table, in the order of time.
 
         Raises:
             InputError: the bound of a target is in space, and it has distance measurements or no true height.
@@ -307,9 +329,14 @@ class Bounds:
             take(self._table(self._information.get(number), made.get(number)))
 
     def _forwards(self, information: Records, record: np.dtype[Any]) -> Records:
-        """Return the filtering bound of a block (forward recursion), as records of the type `record`, a row for each.
+        """Return the filtering bound of a block of records (forward recursion).
 
-        The state of each target is kept for the next block.
+        Each row has the time `dt` [s] since the target's row before, and the covariance `filtered` (n, n): the bound of
+        its state. The last one of each target is kept for the next block.
+
+        Args:
+            information: records of the block with Fisher information.
+            record: data type of the result.
         """
         out = np.zeros(len(information), dtype=record)
         for target, rows in _by_target(information):
@@ -346,9 +373,11 @@ class Bounds:
     def _table(self, information: Records, made: Records) -> Bound:
         """Return a block of the bound as table rows, and add it to the sums.
 
+        Only rows at times of errors are kept; of a target without errors those at its observations.
+
         Args:
             information: records of the block.
-            made: its filtering and smoothing bounds.
+            made: filtering and smoothing bounds of these records.
         """
         parts = []
         for target, rows in _by_target(information):
@@ -373,7 +402,10 @@ class Bounds:
         return Bound.merge(parts)
 
     def result(self, unit: str, *, late: bool = False) -> Metrics:
-        """Figures of bound and errors of all targets; `late`: only of rows after the transient."""
+        """Return figures of the bound, and its ratio to the errors, over all targets and for each target (`_target_N`).
+
+        `late`: only of rows after the settling time.
+        """
         counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
         estimates = self._late if late else self._estimates
         if any(counts.values()):
@@ -389,7 +421,7 @@ class Bounds:
 
 
 def _by_target(information: Records) -> list[tuple[int, Ints]]:
-    """Return the target and its rows in a block of records, sorted by target."""
+    """Return each target with the indices (n,) of its rows in a block of records, sorted by target."""
     return [
         (target, np.flatnonzero(information["target"] == target))
         for target in np.unique(information["target"]).tolist()

@@ -40,11 +40,11 @@ Metrics = dict[str, float]
 
 
 def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
-    """(N, 2, 2) Fisher information of one sensor's azimuths about (x, y); elevations inform about heights only.
+    """Return the Fisher information (N, 2, 2) of one sensor's bearings about the target's (x, y).
 
-    In the frame of a tilted array the world azimuth has errors of both of its angles. Both are used at the true height
-    (or the measured elevation), and the height is then eliminated: the result is the information of the azimuth with
-    its actual variance.
+    Elevations inform about the height only. In the frame of a tilted array the world azimuth has errors of both of its
+    angles: both are used at the true height (or at that of the measured elevation), and the height is eliminated (Schur
+    complement). The result is the information of the azimuth with its actual variance.
     """
     information = _without_pixels(sensor, seen)
     if sensor.camera is None:
@@ -54,7 +54,7 @@ def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floa
 
 
 def space_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
-    """(N, 3, 3) Fisher information of all measurements of one sensor about (x, y, z).
+    """Return the Fisher information (N, 3, 3) of all measurements of one sensor about the target's (x, y, z).
 
     Rows without elevation, and planar arrays (with world azimuths), contribute the azimuth only.
     """
@@ -107,7 +107,10 @@ def _without_pixels(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
 
 
 class StationMeasurements(NamedTuple):
-    """Measurements of distances to stations, with time and true target of each."""
+    """m distance measurements of true targets from stations.
+
+    `t_ns`: (m,) times [ns]; `target`: (m,) identities in the truth; `distances`: the measurements.
+    """
 
     t_ns: Ints  # (m,)
     target: Ints  # (m,) identity in the truth
@@ -115,7 +118,7 @@ class StationMeasurements(NamedTuple):
 
 
 def distances_in_space() -> InputError:
-    """Message that distances cannot be used for a bound in space."""
+    """Return the error (InputError) that distances cannot be used for a bound in space."""
     return InputError(
         f"evaluate: measured distances enter only the bound on the ground; give {option('bound_dimension')} ground",
         id="not-applicable",
@@ -123,13 +126,15 @@ def distances_in_space() -> InputError:
 
 
 def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
-    """2 or 3: `auto` is in space for a target with at least one error in space.
+    """Return the dimension of a target's bound, 2 (ground) or 3 (space).
+
+    With the setting `auto` it is 3 if an error in space is known. InputError if it is 3 and no true height is known.
 
     Args:
         target: identity in the truth.
-        high: whether its true height is known anywhere.
+        high: whether its true height is known at some time.
         in_space: whether one of its errors is in space.
-        config: requested figures.
+        config: has `bound_dimension`.
     """
     if config.bound_dimension == "ground" or (config.bound_dimension == "auto" and not in_space):
         return 2
@@ -147,10 +152,10 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 
     Args:
         t_ns: (T,) times [ns].
-        target: its label.
+        target: its identity.
         covariance: (T, d, d) filtering bound of the position, d = 2 or 3.
-        smoothed: (T, d, d) smoothing bound.
-        n_seen: (T,) number of measurements.
+        smoothed: (T, d, d) smoothing bound of the position.
+        n_seen: (T,) number of measurements at each time.
     """
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     space = {}
@@ -183,11 +188,11 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 def information_of(
     times: Ints, observations: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
 ) -> tuple[Floats, Ints]:
-    """Return the Fisher information (T, d, d) of all bearings at each time, and their number (T,).
+    """Return the Fisher information (T, d, d) about a target's position at each time, and the number of bearings (T,).
 
     Args:
         times: (T,) rising times [ns], among them those of all observations.
-        observations: of one target, by sensor.
+        observations: observations of the target, by sensor.
         sensors: by name.
         d: 2 on the ground, 3 in space.
     """
@@ -210,15 +215,15 @@ def add_distances(
     path: ObjectPath,
     config: EvaluateConfig,
 ) -> None:
-    """Add the Fisher information of distance measurements at true positions to `information`, in place.
+    """Add the Fisher information of a target's distance measurements at its true positions, in place.
 
     Args:
-        information: (T, 2, 2) at each time.
-        n_seen: (T,) numbers of measurements, increased too.
-        times: (T,) rising times [ns].
-        measured: of all targets.
-        target: the label whose measurements count.
-        path: its true positions; measurements without one are left out.
+        information: (T, 2, 2) at each time; changed.
+        n_seen: (T,) numbers of measurements; increased.
+        times: (T,) rising times [ns], among them those of the measurements.
+        measured: measurements of all targets.
+        target: identity of the target.
+        path: its true positions; measurements at times without one are skipped.
         config: largest gap that is interpolated.
     """
     own = measured.target == target
@@ -231,21 +236,21 @@ def add_distances(
 
 
 def counted(observations: SensorObservations) -> Bools:
-    """Return the mask (N,) of reports that can be of the target: it is in view, or they are within the gate."""
+    """Return the mask (N,) of reported bearings that can be of the target: it is in view, or they are in the gate."""
     return observations.reported & (observations.in_view | observations.hit)
 
 
 def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
-    """Inputs of the recursion for the configured motion: information about the state, transitions, process noise.
+    """Return the inputs of the recursion of the bound: information about the state, transition matrices, process noise.
 
     Args:
-        information: (T, d, d) about the position.
-        dt: (T,) time since the step before [s]; of the first 0.
-        scene: its unit of lengths is that of the motion noise.
+        information: (T, d, d) Fisher information about the position.
+        dt: (T,) time since the step before [s]; 0 for the first.
+        scene: its unit of lengths is that of the process noise.
         config: the motion.
 
     Returns:
-        Three (T, n, n); the position comes first in the state.
+        Three arrays (T, n, n); n is d for motion `waypoint`, else 2d: position, then velocity.
     """
     if config.motion == "waypoint":
         usual = EvaluateConfig.in_unit(scene.length_unit)
@@ -257,12 +262,12 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """Return the prior covariance (n, n) of the state: the position as given, else uniform in the room.
+    """Return the prior covariance (n, n) of the state: the position as configured, else uniform in the room.
 
     Args:
-        d: 2 on the ground, 3 in space; n is d for motion `waypoint`, else 2d (position and velocity).
-        scene: region and height of the room.
-        config: given covariances and the motion.
+        d: 2 on the ground, 3 in space; n is d for motion `waypoint`, else 2d (position, then velocity).
+        scene: floor polygon and height of the room.
+        config: covariances and motion.
     """
     position = np.zeros((d, d))
     if config.prior_covariance is None:
@@ -280,7 +285,7 @@ def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
 
 
 class DistancesOfTargets:
-    """Converter of distance measurements to those of true targets, with positions of the stations."""
+    """Converts a stream of distance measurements, or signal strengths, into distances of true targets to stations."""
 
     def __init__(
         self, labels: Mapping[int, int], scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None
@@ -290,8 +295,8 @@ class DistancesOfTargets:
         Args:
             labels: identity in the measurements to identity in the truth; rows of other identities are skipped.
             scene: the stations.
-            config: what the measurements do not state.
-            radio: a fitted path loss; None: by the scene and the settings.
+            config: settings for what the measurements do not state, such as standard deviations.
+            radio: a fitted path loss model; None: from the scene and the settings.
         """
         self._labels, self._config, self._radio = labels, config, radio
         self._stations = make_stations(scene, config, radio)
@@ -299,10 +304,10 @@ class DistancesOfTargets:
         self._differences = RangeDifferenceCheck()
 
     def add(self, rows: Measurements) -> StationMeasurements:
-        """Add rows, whole time steps, in the order of time.
+        """Convert further rows, which are whole time steps, in the order of time; return the distances of true targets.
 
         Raises:
-            InputError: as `pack`.
+            InputError: a station is unknown or a measurement is invalid (as `pack`).
         """
         own = rows.take(np.isin(rows.target_id, list(self._labels)))
         own = with_strengths(own, self._config, self._radio, self._last)
@@ -311,9 +316,9 @@ class DistancesOfTargets:
         return StationMeasurements(own.t_ns[row], target, found)
 
     def finish(self) -> None:
-        """Report that all rows came.
+        """Check the range differences after the last row.
 
         Raises:
-            InputError: most range differences exceed the distance of their stations.
+            InputError: most of them exceed the distance of their stations.
         """
         self._differences.refuse()

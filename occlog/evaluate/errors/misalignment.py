@@ -47,10 +47,10 @@ class Delay(NamedTuple):
     """A constant delay of the tracks.
 
     Attributes:
-        seconds: positive: estimates are those of an earlier time.
+        seconds: the delay [s]; positive: estimates are those of an earlier time.
         sigma: its standard error [s].
         gain: share of the squared errors, without their mean, that it explains.
-        limit: multiple of the standard error that errors without a delay exceed with `FALSE_PROBABILITY`.
+        limit: multiple of its standard error that the estimate exceeds with `FALSE_PROBABILITY` if there is no delay.
     """
 
     seconds: float
@@ -74,12 +74,12 @@ class DelaySums:
         self._windows: dict[int, Floats] = {}
 
     def update(self, t_ns: Ints, error: Floats, velocity: Floats) -> None:
-        """Add pairs.
+        """Add n pairs of an estimate and a true position.
 
         Args:
-            t_ns: (n,) times.
+            t_ns: (n,) times [ns].
             error: (n, 2) estimate minus truth.
-            velocity: (n, 2) of the targets [1/s]; pairs with NaN are left out.
+            velocity: (n, 2) of the targets [length/s]; pairs with NaN are skipped.
         """
         good = np.isfinite(velocity).all(axis=1) & np.isfinite(error).all(axis=1)
         e, v = error[good], velocity[good]
@@ -95,7 +95,7 @@ class DelaySums:
                 self._windows[window // 2] = self._windows.get(window // 2, 0.0) + row
 
     def estimate(self) -> Delay | None:
-        """Estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
+        """Return the estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
         sums = np.array([self._windows[k] for k in sorted(self._windows)]).reshape(-1, 8)
         if len(sums) < MIN_WINDOWS:
             return None
@@ -115,7 +115,10 @@ class DelaySums:
         return Delay(-float(slope), math.sqrt(variance), float(slope**2 * spread / left), limit)
 
     def checks(self, unit: str) -> tuple[Check, ...]:
-        """Report if tracks have a significant delay; `unit` of lengths."""
+        """Return the check of the delay, with a warning if it is significant and explains enough of the errors.
+
+        `unit`: unit of lengths, for the message.
+        """
         found = self.estimate()
         if found is None:
             return outcome(DELAY, (), unless="too few pairs with a target that moves")
@@ -124,7 +127,7 @@ class DelaySums:
         return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
-        """RMSE of the pairs, and RMSE after correction of the delay."""
+        """Return the RMSE of the pairs, and what it would be without the delay `found`, in the unit of lengths."""
         n, _, _, vv, ev, ee = _parts(np.sum(list(self._windows.values()), axis=0))
         without = ee + 2.0 * found.seconds * ev + found.seconds**2 * vv
         return math.sqrt(ee / n), math.sqrt(max(without, 0.0) / n)
@@ -200,20 +203,23 @@ AXES = {
 
 
 class Positions(NamedTuple):
-    """Positions xy (n, 2) at increasing times t (n,) [s]."""
+    """Positions xy (n, 2) in the world at nondecreasing times t (n,) [s], of any number of objects."""
 
     t: Floats
     xy: Floats
 
     @property
     def step(self) -> float:
-        """Median time between one scan and the next [s]; 0 with a single scan."""
+        """Median interval between successive distinct times [s]; 0 with a single time."""
         times = np.unique(self.t)
         return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
 class Alternative(NamedTuple):
-    """A transform of the tracks after which they agree with the truth: finding id, description, share that agrees."""
+    """A transform of the tracks that may make them agree with the truth.
+
+    `id`: id of the finding; `change`: description; `met`: F1 score, 0 to 1, of agreeing positions after it.
+    """
 
     id: str
     change: str
@@ -221,7 +227,10 @@ class Alternative(NamedTuple):
 
 
 def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[Positions, Floats]:
-    """Return positions and z (n,) of the first `MAX_SAMPLE` rows; of a truth those of targets."""
+    """Return positions, and heights z (n,), of the first rows of a table, up to `MAX_SAMPLE`.
+
+    Of a truth only targets count; rows without x or y are skipped.
+    """
     parts, count = [(np.zeros(0, np.int64), np.zeros((0, 3)))], 0
     for rows in chunks:
         own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
@@ -237,13 +246,16 @@ def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[Positions, Fl
 def alternative(
     tracks: Positions, truth: Positions, gate: float, given: Positions | None = None
 ) -> tuple[Alternative, float, float] | None:
-    """Simplest transform of the tracks after which they agree with the truth, the share that agrees before, and a gate.
+    """Find the simplest transform of the tracks after which they agree with the truth; None if none helps.
 
     Args:
         tracks: estimates.
         truth: true positions.
-        gate: largest distance of a pair; a share `NARROW` of it is tried, too.
-        given: true positions with which they agree before, if others than `truth`.
+        gate: largest distance of agreeing positions; if nothing fits, the share `NARROW` of it is tried.
+        given: true positions for the comparison without a transform; None: `truth`.
+
+    Returns:
+        The transform, the F1 score without it (over the whole time), and the gate that was used.
     """
     given = truth if given is None else given
     if not (len(tracks.t) and len(truth.t)):
@@ -259,9 +271,9 @@ def alternative(
 
 
 def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """Generate possible causes of a misfit (unit, axes, clock), simplest first, with the F1 score after each.
+    """Generate transforms of the tracks that may explain a misfit, each with its F1 score after it.
 
-    `gate`: largest distance of positions that agree.
+    They change times, unit, axes or rotation; simplest first. `gate`: largest distance of positions that agree.
     """
     yield Alternative("axes-differ", "", _met(tracks, truth, gate))  # of a truth other than the given one
     yield from _changes_of_time(tracks, truth, gate)
@@ -305,12 +317,15 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
-    """Return the tracks with times scaled by `factor` about `start` [s], which becomes `begin` [s]."""
+    """Return the tracks with the times begin + factor (t - start); `start` and `begin` in [s]."""
     return Positions(begin + factor * (tracks.t - start), tracks.xy)
 
 
 def _tolerance(tracks: Positions, truth: Positions) -> float:
-    """Return the largest time difference between compared estimates and true positions [s]."""
+    """Return the tolerance [s]: estimates and true positions further apart in time are not compared.
+
+    It is about half the longer of their median intervals, at most `MAX_TOLERANCE_S`.
+    """
     return min(0.51 * max(tracks.step, truth.step, 1e-6), MAX_TOLERANCE_S)
 
 
@@ -320,9 +335,11 @@ def _spread(rows: Ints, count: int = QUERIES) -> Ints:
 
 
 def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
-    """Return the F1 score of positions with a counterpart within `gate` (length) and the time tolerance, 0 to 1.
+    """Return the F1 score, 0 to 1, of positions that have a counterpart within the distance `gate` on each axis.
 
-    It is over the common time of both; `whole`: over all their time. 0 if they have no time in common.
+    The counterpart may also be about half a sampling interval earlier or later (`_tolerance`). The score is over the
+    time that both have in common, or over all their time (`whole`); 0 if they have too little in common. At most
+    `QUERIES` positions of each side are looked up.
     """
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
@@ -342,9 +359,10 @@ def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = Fals
 
 
 def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
-    """Return the rows of `tracks` and of `truth` in their common time; None if it is too short.
+    """Return the indices of the rows of `tracks` and of `truth` in their common time; None if that is too short.
 
-    `tolerance`: time difference [s] that still counts as common.
+    That is below the share `MIN_OVERLAP` of the shorter of both. `tolerance`: time [s] by which the common time is
+    extended on both sides.
     """
     first, last = max(tracks.t[0], truth.t[0]) - tolerance, min(tracks.t[-1], truth.t[-1]) + tolerance
     shorter = min(each.t[-1] - each.t[0] for each in (tracks, truth))
@@ -355,9 +373,9 @@ def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints]
 
 
 def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float, float]:
-    """Return the shift [s] of the tracks' times after which most positions agree, and the F1 score with it.
+    """Return the shift [s] to add to the tracks' times so that most positions agree, and the F1 score with it.
 
-    `gate`: largest distance of positions that agree.
+    `gate`: largest distance of positions that agree. Multiples of the sampling interval up to `MAX_STEPS` are tried.
     """
     step = max(tracks.step, truth.step)
     if not step:
@@ -380,9 +398,10 @@ def _distance(tree: cKDTree, points: Floats) -> Floats:
 
 
 def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """Generate the translation, and the rotation or reflection, after which most pairs of one time agree.
+    """Generate two transforms of the tracks with their F1 scores: the best translation, and the best rigid transform.
 
-    By a Hough transform over `ANGLES` angles. `gate`: largest distance of positions that agree.
+    The latter is a rotation or reflection with a translation, by a Hough transform over `ANGLES` angles. `gate`:
+    largest distance of positions that agree.
     """
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
@@ -430,17 +449,20 @@ class TruthAlignment:
         """Start without pairs.
 
         Args:
-            sources: gives chunks of tracks and truth, in the order of time.
-            gate: largest distance of a pair.
-            unit: of lengths.
+            sources: returns chunks of tracks and of truth, in the order of time; called only if they disagree.
+            gate: largest distance of positions that agree.
+            unit: unit of lengths.
         """
         self._sources, self._gate, self._unit = sources, gate, unit
         self._delay = DelaySums()
 
     def update(self, errors: Errors, paths: Mapping[int, ObjectPath], limit_ns: int | None) -> None:
-        """Add errors, with the paths of the targets around these times.
+        """Add errors of estimates to the estimate of the delay.
 
-        `limit_ns`: largest gap of a path that is interpolated [ns]; None: that of the path.
+        Args:
+            errors: rows of the errors.
+            paths: true paths by identity, around these times, for the velocities.
+            limit_ns: largest gap of a path that is interpolated [ns]; None: the path's own.
         """
         error = np.column_stack([errors.error_x, errors.error_y])
         self.update_pairs(errors.target_id, errors.t_ns, error, paths, limit_ns)
@@ -448,13 +470,22 @@ class TruthAlignment:
     def update_pairs(
         self, targets: Ints | Ints32, t_ns: Ints, error: Floats, paths: Mapping[int, ObjectPath], limit_ns: int | None
     ) -> None:
-        """Add pairs (target, time, error (n, 2)), with the paths of the targets; gaps up to `limit_ns` are bridged."""
+        """Add n pairs of estimate and target to the estimate of the delay.
+
+        Args:
+            targets: (n,) identity of each target.
+            t_ns: (n,) times [ns].
+            error: (n, 2) estimate minus truth.
+            paths: true paths by identity, for the velocities.
+            limit_ns: largest gap of a path that is interpolated [ns]; None: the path's own.
+        """
         self._delay.update(t_ns, error, velocities(paths, targets, t_ns, limit_ns))
 
     def checks(self, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-        """Return checks of a delay that explains much of the errors, and of another time, unit or frame that fits.
+        """Return the checks of a delay of the tracks, and of other times, units or axes that fit the truth better.
 
-        `metrics`: figures of the evaluation by name.
+        `metrics`: figures of the evaluation by name; MOTA or the median error decides whether the latter is searched
+        for.
         """
         return (*self._delay.checks(self._unit), *outcome(ALIGNMENT, self._elsewhere(metrics)))
 
@@ -465,9 +496,10 @@ class TruthAlignment:
             yield from self.found()
 
     def found(self) -> Iterator[Check]:
-        """Simplest transform of times, unit or frame after which tracks and truth agree.
+        """Generate the warning with the simplest transform of the tracks after which they agree with the truth.
 
-        Of a truth with z over a wider range than y, x and z are tried first: its ground plane if y is up.
+        Generates nothing if none helps. If the truth has z over a wider range than y, (x, z) is tried first as its
+        ground plane (y may be up).
         """
         (tracks, _), (truth, z) = (sample_of(each) for each in self._sources())
         planes = {"": truth}

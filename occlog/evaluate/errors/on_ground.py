@@ -34,12 +34,12 @@ Metrics = dict[str, float]
 
 
 def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: Floats) -> dict[str, Floats]:
-    """Height columns of the table `Errors`; NaN if estimate or truth has no height.
+    """Return the columns of the table `Errors` for space; NaN if estimate or truth has no height.
 
     Args:
         tracks: N estimates.
-        error: (N, 2) their errors on the ground.
-        covariance: (N, 2, 2) theirs on the ground.
+        error: (N, 2) estimate minus truth on the ground.
+        covariance: (N, 2, 2) covariance of the estimate on the ground.
         truth_z: (N,) true heights, NaN where not known.
     """
     error_z = tracks.z - truth_z
@@ -58,10 +58,10 @@ def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: 
 
 
 def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
-    """Pair each track with the target of the same number.
+    """Pair each track with the target of the same identity; return the target by track.
 
     Raises:
-        InputError: there are tracks and targets, and no track has the number of a target.
+        InputError: there are tracks and targets, and no identity is in both.
     """
     pairs = {track: track for track in known.tracks if track in known.targets}
     if known.tracks and known.targets and not pairs:
@@ -79,7 +79,7 @@ def _some(numbers: list[int]) -> str:
 
 
 class Gaps:
-    """Counts the estimates during the truth that fall into unbridged gaps of it."""
+    """Counts the estimates within the time of the truth that fall into gaps of it too wide to be interpolated."""
 
     def __init__(self) -> None:
         """Start with all counts at 0."""
@@ -89,10 +89,10 @@ class Gaps:
         """Add the estimates of one track.
 
         Args:
-            t_ns: their times.
-            path: of the target, or the part of it about these times.
-            span_ns: first and last time of the whole path.
-            config: largest gap between samples of the truth.
+            t_ns: (n,) their times [ns].
+            path: true path of its target, at least around these times.
+            span_ns: first and last time of the whole true path [ns].
+            config: largest gap of the truth that is interpolated.
         """
         t_ns = t_ns[(t_ns >= span_ns[0]) & (t_ns <= span_ns[1])]
         unknown = int(np.count_nonzero(~path.at(t_ns, config.limit_ns)[1]))
@@ -102,7 +102,7 @@ class Gaps:
 
     @property
     def note(self) -> str | None:
-        """Note if most of the estimates during the truth fall into such gaps; else None."""
+        """Note for the user if most of the estimates fall into such gaps; else None."""
         if 2 * self._missed <= self._inside:
             return None
         return (
@@ -113,18 +113,18 @@ class Gaps:
 
 
 class NoCommonTimeError(InputError):
-    """The truth covers the time of no estimate."""
+    """Raised if the truth covers the time of none of the estimates."""
 
     default_id = "disjoint-inputs"
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
-    """Return the error for a truth that covers the time of no estimate; its message states both time ranges.
+    """Return the error that the truth covers the time of no estimate; its message states both time ranges.
 
     Args:
         tracks_ns: first and last time of the tracks [ns].
-        truth_ns: of the truth.
-        config: matching, and the largest gap that is bridged.
+        truth_ns: first and last time of the truth [ns].
+        config: matching, and the largest gap that is interpolated.
     """
     tracks, truth = (f"{in_seconds(first)} to {in_seconds(last)} s" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
@@ -141,13 +141,13 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
 
 
 def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfig) -> tuple[Errors, Bools]:
-    """Errors of the estimates of a target, and mask (N,) of those with a truth near enough in time.
+    """Return the errors of a target's estimates, and the mask (N,) of the estimates that have one.
 
     Args:
         rows: N estimates of one track.
         target: identity in the truth.
-        path: of the target.
-        config: largest gap between samples of the truth.
+        path: true path of the target.
+        config: largest gap of the truth that is interpolated; estimates in wider gaps have no error.
     """
     true, good = path.at(rows.t_ns, config.limit_ns)
     kept, true = rows.take(good), true[good]
@@ -173,12 +173,14 @@ def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfi
 
 
 def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None = None) -> Bools:
-    """(N,) mask of errors after the transient: `settling_s` after each target's first estimate, and `from_ns`.
+    """Return the mask (N,) of errors after the settling time.
+
+    That is `settling_s` after each target's first estimate, and after `from_ns`.
 
     Args:
-        errors: in the order of time.
-        config: length of the transient.
-        begun: first estimate of each target of the rows before these, to which those of these rows are added.
+        errors: N rows in the order of time.
+        config: both times.
+        begun: time [ns] of the first estimate of each target in earlier rows; new targets are added in place.
     """
     first = {} if begun is None else begun
     keep = np.ones(len(errors), dtype=np.bool_)
@@ -198,7 +200,7 @@ def no_targets() -> InputError:
 
 
 class PairSums:
-    """Sums of squared distances of each track from each target, for one-to-one pairs with the least overall RMSE."""
+    """Accumulates squared distances of each track from each target, for one-to-one pairs over the whole run."""
 
     def __init__(self, known: EvaluationSurvey) -> None:
         """Create sums for the targets and tracks that the survey found."""
@@ -207,7 +209,7 @@ class PairSums:
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
-        """Add numbers and squared distances of all pairs of track and target in a section."""
+        """Add the squared distances of all tracks from all targets in a time interval (`part`)."""
         rows = part.rows
         number = np.searchsorted(self._tracks, rows.target_id)
         xy = np.column_stack([rows.x, rows.y])
@@ -230,7 +232,10 @@ class PairSums:
             self._sums.add(target, track, np.stack([shared, more, lost]))
 
     def pairs(self) -> dict[int, int]:
-        """Return the target of each track by label: the one-to-one pairs with the best sums; tracks may be left out."""
+        """Return the target of each track by identity: the one-to-one pairs with the least overall RMSE.
+
+        Tracks and targets without a counterpart are left out.
+        """
         target, track, (shared, squares, lost) = self._sums.all()
         made = pair_by_sums(track, target, shared, squares + lost, self._worst)
         return {self._tracks[track[n]]: self._targets[target[n]] for n in made.tolist()}
@@ -250,11 +255,11 @@ class TrackErrors:
         """Start without estimates.
 
         Args:
-            known: of all chunks.
-            pairs: which target each track is of.
-            config: limits in time, length of the transient.
-            unit: of lengths.
-            in_memory: how many distances are kept in memory.
+            known: identities and times of all tracks and targets.
+            pairs: target of each track, by identity.
+            config: limits in time, settling time.
+            unit: unit of lengths.
+            in_memory: how many distances are kept in memory; more go to a temporary file.
         """
         self._known, self._pairs, self._config = known, pairs, config
         self._track_of = {target: track for track, target in pairs.items()}
@@ -266,7 +271,7 @@ class TrackErrors:
         """Errors of the last section after the transient; none without one."""
 
     def update(self, part: EvaluationChunk) -> Errors:
-        """Add the estimates of a section, in the order of time; return their errors."""
+        """Add the estimates of a time interval (`part`), in the order of time; return their errors."""
         config, nothing = self._config, ObjectPath(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
         found = []
         for track, which in rows_by_label(part.rows.target_id):
@@ -302,11 +307,11 @@ class TrackErrors:
 
     @property
     def note(self) -> str | None:
-        """Note about gaps of the truth, if any."""
+        """Note about estimates in wide gaps of the truth; None if there are few."""
         return self._gaps.note
 
     def result(self) -> Metrics:
-        """All figures.
+        """Return counts of estimates, tracks and targets, and all figures of the errors, by name.
 
         Raises:
             InputError: the truth covers the time of no estimate.
@@ -332,7 +337,10 @@ class TrackErrors:
         return metrics
 
     def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
-        """Return the figures of the errors and of the `bound` after the transient; empty without a transient."""
+        """Return the figures of the errors after the settling time, named `settled_...`; empty without a settling time.
+
+        `bound`: returns the figures of the Cramer-Rao bound for that time, which are added; None: none.
+        """
         if not (self._transient and self._figures.rows):
             return {}
         after = {**self._late.result(), "estimates": self._late.rows}

@@ -27,15 +27,18 @@ Metrics = dict[str, float]
 
 
 def space_errors(errors: Errors) -> Bools:
-    """Return the mask (N,) of errors with known height and true height."""
+    """Return the mask (N,) of errors with a height of both estimate and truth."""
     return np.isfinite(errors.error_space)
 
 
 class Consistency:
-    """Sums of normalised squared errors: mean (equal to the dimension for correct covariances), share within 95 %."""
+    """Sums of normalised estimation errors squared (NEES): their mean and the share within the 95 % limit.
+
+    With correct covariances the mean equals the dimension, and the share is 0.95.
+    """
 
     def __init__(self, limit: float) -> None:
-        """Start without errors; `limit`: 95 % quantile of chi-square."""
+        """Start without errors; `limit`: 95 % quantile of chi-square for the dimension."""
         self._limit, self._sum = limit, Sum()
         self.n_finite = self.inside = self.rows = 0
 
@@ -74,7 +77,7 @@ class InSpace:
         self._nees = Consistency(CHI2_95_3D)
 
     def update(self, high: Errors) -> None:
-        """Add errors, all of which must be in space."""
+        """Add `high`, rows of errors that all have a height of both estimate and truth."""
         self.rows += len(high)
         self._squares.add(float(np.sum(np.square(high.error_space))))
         self._squares_z.add(float(np.sum(np.square(high.error_z))))
@@ -120,7 +123,7 @@ def median_of(values: Spool) -> float:
 
 
 class Spread:
-    """Accumulated distances, for their mean, quantiles and maximum."""
+    """Accumulates distances for their mean, quantiles and maximum; many of them go to a temporary file."""
 
     def __init__(self, in_memory: int) -> None:
         """Start without distances; up to `in_memory` of them stay in memory."""
@@ -156,7 +159,7 @@ class Spread:
 
 
 class _ErrorTarget:
-    """Accumulated errors and NEES of one target."""
+    """Accumulated squared errors along x and y, NEES, and errors in space, of one target."""
 
     def __init__(self) -> None:
         self.sums: list[Sum] = [Sum(), Sum()]
@@ -184,7 +187,7 @@ class ErrorFigures:
         """Start without errors.
 
         Args:
-            unit: of lengths, which ends the names of figures.
+            unit: unit of lengths, which ends the names of figures.
             in_memory: how many distances are kept in memory; more go to a file without a name.
         """
         self.rows = 0
@@ -210,7 +213,7 @@ class ErrorFigures:
         self._bias["z"].add(float(high.error_z.sum()))
 
     def result(self) -> Metrics:
-        """Figures over all targets, then for each target."""
+        """Return the figures over all targets, then for each target, by name."""
         unit, targets = self._unit, dict(sorted(self._targets.items()))
         out = _accuracy(add_sums(t.squares for t in targets.values()), unit, "")
         out |= self._spread.result("error", unit)

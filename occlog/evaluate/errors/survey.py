@@ -28,8 +28,8 @@ class Lifetime:
 
     Attributes:
         rows: number of its rows.
-        first_ns: time of the first one.
-        last_ns: time of the last one.
+        first_ns: time of the first row [ns].
+        last_ns: time of the last row [ns].
     """
 
     rows: int
@@ -39,16 +39,16 @@ class Lifetime:
 
 @dataclass
 class EvaluationSurvey:
-    """Result of the survey of tracks and truth.
+    """Identities and times of all tracks and targets, from a first pass over both tables.
 
     Attributes:
-        tracks: by rising identity.
-        targets: true targets, likewise.
-        unknown: whether the covariance of an estimate is not known.
-        tracks_ns: first and last time of the tracks; None: they have no rows.
-        truth_ns: first and last time of the truth with all its roles; None: it has no rows.
-        frames: number of distinct times of true targets; of an empty truth those of the tracks.
-        gaps_ns: of each target the widest gap of the truth that is bridged unless one is given.
+        tracks: by identity, rising.
+        targets: true targets by identity, rising.
+        unknown: whether the covariance of some estimate is not known.
+        tracks_ns: first and last time of the tracks [ns]; None: they have no rows.
+        truth_ns: first and last time of the truth with all its roles [ns]; None: it has no rows.
+        frames: number of distinct times of true targets; if the truth is empty, of the tracks.
+        gaps_ns: default for the widest gap of each target's truth that is interpolated [ns].
     """
 
     tracks: dict[int, Lifetime] = field(default_factory=dict)
@@ -79,12 +79,12 @@ class EvaluationSurvey:
 
 
 def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NUMBERS_IN_MEMORY) -> EvaluationSurvey:
-    """Survey tracks and truth in one pass.
+    """Determine identities and times of tracks and truth in one pass.
 
     Args:
         tracks: chunks in the order of time.
-        truth: likewise.
-        in_memory: how many times are kept in memory; more go to a file without a name.
+        truth: chunks in the order of time.
+        in_memory: how many intervals are kept in memory; more go to a temporary file.
 
     Raises:
         InputError: more than `MAX_IDENTITIES` targets or tracks.
@@ -119,12 +119,12 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
 
 
 def _counted(frames: int, latest: int | None, t_ns: Ints) -> tuple[int, int | None]:
-    """Return the number of distinct times after further rows, and the last time.
+    """Return the number of distinct times including further rows, and the last of these times [ns].
 
     Args:
-        frames: number before.
-        latest: last time before; None: none.
-        t_ns: (n,) times of the rows, not before it.
+        frames: number of distinct times before.
+        latest: last time before [ns]; None: none.
+        t_ns: (n,) times of the rows [ns], not before `latest`.
     """
     times = np.unique(t_ns)
     new = len(times) if latest is None else int(np.count_nonzero(times != latest))
@@ -136,7 +136,7 @@ def _span(before: tuple[int, int] | None, t_ns: Ints) -> tuple[int, int]:
 
 
 def _by_identity(labels: np.ndarray, t_ns: Ints) -> Iterator[tuple[int, Ints]]:
-    """Generate each identity in `labels` (n,) with its times, of `t_ns` (n,), in the order of the rows."""
+    """Generate each distinct identity in `labels` (n,) with its times: the entries of `t_ns` (n,) of its rows."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     for name, (start, stop) in zip(names.tolist(), pairwise([*first.tolist(), len(labels)]), strict=True):
@@ -158,12 +158,12 @@ class TruthIntervals:
         self._counts: list[int] = []
 
     def add(self, label: int, t_ns: Ints, last_ns: int | None) -> None:
-        """Add the intervals between further positions of an object.
+        """Add the time intervals between further positions of an object.
 
         Args:
-            label: of the object.
+            label: identity of the object.
             t_ns: (n,) rising times [ns].
-            last_ns: its last time before them; None: they are the first.
+            last_ns: time of its last position before them [ns]; None: these are its first.
         """
         number = self._number.setdefault(label, len(self._number))
         if number == len(self._counts):
@@ -174,11 +174,14 @@ class TruthIntervals:
         self._owner.add(np.full(len(steps), float(number)))
 
     def usual_gaps_ns(self) -> dict[int, int]:
-        """Default maximum gap [ns] that is interpolated, for each object."""
+        """Return for each object, by identity, the default for the widest gap that is interpolated [ns]."""
         return {label: usual_gap_ns(step) for label, step in self.medians().items()}
 
     def medians(self) -> dict[int, float]:
-        """Median interval between the true rows of each object [ns]; infinite without intervals."""
+        """Return the median interval between successive positions [ns] of each object.
+
+        Infinite for a single position.
+        """
         found = group_medians(self._blocks, np.array(self._counts, dtype=np.int64)).tolist()
         return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
 
@@ -194,7 +197,7 @@ MAX_PAIRS = 10_000_000
 
 
 def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
-    """InputError for more than `MAX_IDENTITIES` lives; `name`: `targets` or `tracks`, for the message."""
+    """Raise InputError for more than `MAX_IDENTITIES` identities; `name`: `targets` or `tracks`, for the message."""
     if len(lives) > MAX_IDENTITIES:
         raise InputError(
             f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time",
@@ -203,7 +206,7 @@ def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
 
 
 def check_pairs(known: EvaluationSurvey) -> None:
-    """InputError for more than `MAX_PAIRS` pairs of a target and a track with overlapping lifetimes."""
+    """Raise InputError for more than `MAX_PAIRS` pairs of a target and a track with overlapping lifetimes."""
     (first, last), (its_first, its_last) = (
         [np.sort([getattr(life, name) for life in lives.values()]) for name in ("first_ns", "last_ns")]
         for lives in (known.targets, known.tracks)
@@ -218,16 +221,16 @@ def check_pairs(known: EvaluationSurvey) -> None:
 
 
 class EvaluationChunk(NamedTuple):
-    """Tables of a time interval.
+    """Tracks and truth of one time interval, with the paths around it.
 
     Attributes:
-        rows: estimates.
-        truth: true positions, of all roles.
-        targets: path of each target that is there or near, in it and about it.
-        tracks: path of each track, likewise.
-        times: of true targets, each once.
-        limits: first time step, and that after the last one.
-        sides: tracks and truth, which have as much about the section as was asked for.
+        rows: estimates in the interval.
+        truth: true positions in the interval, of all roles.
+        targets: true path of each target by identity, in the interval and a margin around it.
+        tracks: estimated path of each track by identity, in the same time span.
+        times: (T,) distinct times of true targets in the interval [ns].
+        limits: begin and end of the interval.
+        sides: buffers of tracks and truth, for rows further around the interval.
     """
 
     rows: Tracks
@@ -240,13 +243,13 @@ class EvaluationChunk(NamedTuple):
 
 
 class SegmentTables(NamedTuple):
-    """Tables that are read along with tracks and truth, with the margin around a section that they need [ns].
+    """Tables to read along with tracks and truth, with the margins around a time interval that are needed [ns].
 
     Attributes:
-        sides: the other tables, of which nothing is read yet.
-        margins_ns: of each of them.
-        tracks_ns: of tracks, if more than the bridged gap.
-        truth_ns: of the truth, likewise.
+        sides: buffers of the other tables, not read yet.
+        margins_ns: margin of each of them.
+        tracks_ns: margin of the tracks, if larger than the interpolated gap.
+        truth_ns: margin of the truth, if larger than the interpolated gap.
     """
 
     sides: Sequence[TableBuffer[Any]] = ()
@@ -263,17 +266,18 @@ def chunks_in_time(
     track_gap_ns: int = 0,
     companion: SegmentTables | None = None,
 ) -> Iterator[EvaluationChunk]:
-    """Generate sections of tracks and truth.
+    """Generate tracks and truth in successive time intervals.
 
-    A section includes a margin as wide as bridged gaps, so that interpolation in it equals that in the whole.
+    Paths extend beyond an interval by the widest interpolated gap, so that interpolation in it equals that in the
+    whole.
 
     Args:
         tracks: chunks in the order of time.
-        truth: likewise.
-        known: of the same chunks.
-        config: largest gap between samples.
-        track_gap_ns: largest gap between samples of tracks, if larger.
-        companion: other tables, of which rows may be read with a section.
+        truth: chunks in the order of time.
+        known: identities and times of both tables.
+        config: largest gaps that are interpolated.
+        track_gap_ns: largest gap of tracks that is interpolated [ns], if larger.
+        companion: other tables of which rows are read for the same intervals; None: none.
     """
     more = companion or SegmentTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns

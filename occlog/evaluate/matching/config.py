@@ -24,11 +24,11 @@ BRIDGE_S = 1.0
 
 @dataclass(frozen=True)
 class EvaluateConfig(Settings):
-    """Settings of `evaluate`; lengths in the scene's unit.
+    """Settings of `evaluate`; lengths are in the scene's unit.
 
-    The motion of the bound: `waypoint` is a walk with noise `process_noise_position` with known drift
-    ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity
-    disturbed by white acceleration, not known in advance.
+    The motion of the bound: `waypoint` is a random walk with noise `process_noise_position` about a known drift
+    ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity disturbed by white acceleration, which
+    is not known in advance.
     """
 
     OWNER: ClassVar[str] = "evaluate"
@@ -243,15 +243,15 @@ class EvaluateConfig(Settings):
 
     @property
     def limit_ns(self) -> int | None:
-        """Maximum gap of the truth that is interpolated [ns]; None: from the usual interval of its rows."""
+        """Largest gap of the truth that is interpolated [ns]; None: it follows from the usual interval of its rows."""
         return None if self.max_gap_s is None else round(self.max_gap_s * 1e9)
 
     @property
     def bridge_s(self) -> float:
-        """Maximum gap of tracks, and of true directions, that is interpolated [s]."""
+        """Largest gap of tracks, and of true directions, that is interpolated [s]; 1 s by default."""
         return BRIDGE_S if self.max_gap_s is None else self.max_gap_s
 
     @property
     def bridge_ns(self) -> int:
-        """Largest gap in time that is interpolated [ns]."""
+        """Largest gap of tracks, and of true directions, that is interpolated [ns]."""
         return round(self.bridge_s * 1e9)

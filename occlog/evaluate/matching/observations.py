@@ -26,10 +26,17 @@ from .paths import ExpectedMeasurement, ObjectPath, SensorGeometry
 
 
 class BearingErrors(NamedTuple):
-    """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
+    """Residuals of bearings, reported minus expected, each of the shape (N,) or (N, M); NaN where nothing was reported.
 
-    For an array with elevations `rad` and `normalised` refer to the azimuth about its own z axis (to which its noise
-    refers), if the height of the object is known.
+    Of an array with elevations the azimuth is that about its own z axis (to which its noise refers), if the height of
+    the object is known.
+
+    Attributes:
+        px: horizontal offset in the image [px].
+        rad: residual of the azimuth [rad].
+        normalised: residual of the azimuth over its standard deviation.
+        elevation: residual of the elevation [rad]; NaN without elevation or height.
+        elevation_normalised: residual of the elevation over its standard deviation.
     """
 
     px: Floats
@@ -46,9 +53,9 @@ class BearingErrors(NamedTuple):
 
 
 def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry) -> BearingErrors:
-    """Residuals of N rows against expected measurements (N,), or (N, M) for M objects.
+    """Return the residuals of N bearings against expected measurements of N positions, or (N, M) of M objects.
 
-    A target that is not in front of a camera has an infinite residual.
+    The residual [px] of a position that is not in front of the camera is infinite.
     """
     shape = (len(rows), *(1 for _ in expected.bearing.shape[1:]))
     columns = (rows.bearing, rows.u_px, rows.sigma_px, rows.sigma, rows.sigma_elevation)
@@ -74,16 +81,16 @@ def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeome
 def _in_own_frame(
     rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry, shape: tuple[int, ...]
 ) -> tuple[Floats, Floats]:
-    """Return residuals [rad] of azimuth and elevation about the sensor's own axes, each of the shape `shape`.
+    """Return residuals [rad] of azimuth and elevation about the sensor's own axes, each broadcast to `expected`.
 
-    A line of sight near the z axis may be measured from beyond it, with an azimuth half a turn off; the nearer
-    interpretation is used.
+    A line of sight near the sensor's z axis may be measured from beyond it, with an azimuth half a turn off; the nearer
+    of both interpretations is used.
 
     Args:
         rows: n bearings with elevations.
-        expected: measurements, of a shape to which n entries are broadcast.
+        expected: measurements of the shape (n,) or (n, M).
         sensor: the sensor.
-        shape: of the n rows in that.
+        shape: shape of the n rows for broadcasting, (n,) or (n, 1).
     """
     line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
     theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
@@ -95,9 +102,10 @@ def _in_own_frame(
 
 
 def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
-    """Return residuals as fractions of the gate (up to 1: within); NaN without a report.
+    """Return residuals as fractions of the gate (up to 1: within), in the shape of `residual`; NaN without a report.
 
-    Azimuth and elevation together: within the ellipse of `gate_sigma` standard deviations.
+    The gate is `gate_px` for pixels if it is set, else the ellipse of `gate_sigma` standard deviations in azimuth and
+    elevation.
     """
     by_sigma = residual.distance / config.gate_sigma
     if config.gate_px is None:
@@ -113,17 +121,17 @@ def occluded_by_moving(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Bools:
-    """Return the mask (N,) of observations of a target that a moving object occludes ([Ercan] Fig. 3).
+    """Return the mask (N,) of times at which a moving object hides a target from a camera ([Ercan] Fig. 3).
 
-    For cameras, if the configuration states the diameter of objects; else all are False.
+    All are False for other sensors, or if the configuration states no diameter of the objects.
 
     Args:
         sensor: the sensor.
         t_ns: (N,) times [ns].
         xy: (N, 2) true positions of the target.
-        target: its label.
-        everyone: true paths by label.
-        config: diameter, largest gap.
+        target: its identity.
+        everyone: true paths of all moving objects by identity.
+        config: diameter, largest gap that is interpolated.
     """
     rest = [path for k, path in everyone.items() if k != target]
     if config.occluder_diameter is None or sensor.camera is None or not rest:
@@ -133,7 +141,11 @@ def occluded_by_moving(
 
 
 class Paired(NamedTuple):
-    """Result of pairing: one row for each frame with candidates and each requested target."""
+    """Result of pairing unlabelled bearings with true objects: one row for each frame and each target present.
+
+    `rows`: the bearing paired with the target, or a row without a detection; `target`: (n,) identity of the target of
+    each row; `stray`: number of bearings near no true object.
+    """
 
     rows: Bearings  # the candidate paired with the target, or a `not seen` row
     target: Ints  # identity of the target of each row
@@ -141,7 +153,11 @@ class Paired(NamedTuple):
 
 
 class _SensorFrames(NamedTuple):
-    """Frames of a sensor (N) with true objects (M)."""
+    """N frames of a sensor with R bearings, compared with M true objects.
+
+    `starts`: first row of each frame, then R; `present`: (N, M) mask, the object's position is known; `visible`: (N, M)
+    mask, it is present and should be seen; `cost`: (R, M) residual over the gate, infinite above 1 or if impossible.
+    """
 
     starts: list[int]  # first row of each frame, then the number of rows
     present: Bools  # (N, M) the object's position is known
@@ -157,16 +173,17 @@ def match_candidates(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Paired:
-    """Pair the candidates of every frame, first with objects that should be visible, then with occluded ones.
+    """Pair the unlabelled bearings of every frame one to one with true objects, first with visible ones.
 
-    A candidate is a false alarm only if it is near no true object, occluders included.
+    Occluded ones come second. A bearing is a false alarm (`stray`) only if it is near no true object, occluders
+    included.
 
     Args:
-        sensor: sensor of these rows.
-        rows: unlabelled rows of that sensor.
-        labelled: (time, target) of which a labelled row exists; they get no row here.
-        targets: true paths of the targets.
-        everyone: true paths of targets and occluders.
+        sensor: the sensor.
+        rows: its unlabelled rows.
+        labelled: (time [ns], target) for which a labelled row exists; they get no row here.
+        targets: true paths of the targets by identity.
+        everyone: true paths of targets and moving occluders.
         config: gates, limits.
     """
     frames = _compare(sensor, rows, everyone, config)
@@ -208,11 +225,11 @@ def _compare(
 
 
 def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
-    """Pair the candidates of one frame with objects, visible ones first; return the candidate of each object.
+    """Pair the bearings of one frame with true objects, visible ones first; return the bearing's index by object.
 
     Args:
-        cost: (candidates, objects) distance over the gate; above 1, or inf, is no pair.
-        visible: mask of the objects that should be seen.
+        cost: (bearings, objects) residual over the gate; above 1, or infinite: no pair.
+        visible: (objects,) mask of those that should be seen.
     """
     if not np.isfinite(cost).any():
         return {}
@@ -224,7 +241,7 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 
 
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
-    """Return the rows with the indices `row`, with measurements removed (NaN) where `seen` is False."""
+    """Return the rows with the indices `row` (n,); measurements become NaN where the mask `seen` (n,) is False."""
     taken = rows.take(row)
     names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
     measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
@@ -233,7 +250,28 @@ def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
 
 @dataclass(frozen=True, eq=False)
 class SensorObservations:
-    """Observations of one sensor; residuals and noise are NaN where no bearing was reported."""
+    """N observations of one sensor: each is a frame with one true target, and its reported bearing, if any.
+
+    All columns have N entries; residuals, noise and elevations are NaN where nothing was reported.
+
+    Attributes:
+        t_ns: time of the frame [ns].
+        target: identity of the true target.
+        truth: whether the true position at that time is known.
+        xy: (N, 2) true position, interpolated over gaps of any width and constant beyond the ends of the path.
+        z: true height; NaN if the truth has none.
+        reported: whether a bearing was reported (for candidates: one was paired with the target).
+        hit: whether that bearing is within the gate.
+        visible: whether the target is in view and not occluded.
+        in_view: whether the target is in the field of view, occluded or not.
+        residual_px: reported minus true image coordinate u [px]; cameras only.
+        residual: reported minus true azimuth [rad].
+        normalised: residual over its standard deviation (for cameras by Eq. 2).
+        sigma_px, sigma: standard deviations of the bearing [px] and [rad].
+        elevation, sigma_elevation: reported elevation and its standard deviation [rad].
+        residual_elevation: reported minus true elevation, about the sensor's own axes [rad].
+        normalised_elevation: that residual over its standard deviation.
+    """
 
     t_ns: Ints
     target: Ints  # identity in the truth
@@ -260,7 +298,11 @@ class SensorObservations:
 
 
 class SensorObservationSet(NamedTuple):
-    """All observations of one sensor, and the candidates that are of nothing in the truth."""
+    """Observations of one sensor in all of its frames.
+
+    `observations`: of targets; `frames`: number of frames with a known truth; `stray`: number of unlabelled bearings in
+    frames with a present target that are near no true object.
+    """
 
     observations: SensorObservations
     frames: int  # with a known truth
@@ -275,15 +317,15 @@ def observe(
     others: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> SensorObservationSet:
-    """Compare one sensor's rows with the truth.
+    """Compare one sensor's bearings with the truth; return an observation for each frame and target.
 
     Args:
-        sensor: sensor of these rows.
-        rows: bearings of that sensor only.
+        sensor: the sensor.
+        rows: its bearings.
         labels: identity in the bearings to identity in the truth; rows of other identities are skipped.
-        targets: true paths of the targets.
+        targets: true paths of the targets by identity.
         others: true paths of the moving occluders.
-        config: gates, limit in time, diameter of moving objects.
+        config: gates, largest gap of the truth, diameter of moving objects.
     """
     everyone = {**targets, **others}
     known = rows.take(np.isin(rows.target_id, list(labels)))

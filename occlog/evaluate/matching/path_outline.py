@@ -24,7 +24,10 @@ TARGET, OCCLUDER = "target", "occluder"
 
 @dataclass
 class _Outline:
-    """Samples of one object next to wide gaps, and its first and last one: time, x, y, z."""
+    """Coarse samples of one object's path: both sides of every gap above `NEAR_NS`, the first sample and the last one.
+
+    `t_ns` and `xyz` are lists of times (n,) [ns] and positions (n, 3).
+    """
 
     t_ns: list[Ints] = field(default_factory=list)
     xyz: list[Floats] = field(default_factory=list)
@@ -37,15 +40,12 @@ class _Outline:
         self.last_high = self._edges(t_ns[high], xyz[high], self.last_high)
 
     def _edges(self, t_ns: Ints, xyz: Floats, last: tuple[int, Floats] | None) -> tuple[int, Floats] | None:
-        """Keep the samples on both sides of wide gaps, the first one, and the current last one.
+        """Keep the samples on both sides of wide gaps, and the very first one; return the last sample so far.
 
         Args:
             t_ns: (n,) times of the next samples [ns].
             xyz: (n, 3) positions.
             last: time and position (1, 3) of the last sample before; None: these are the first.
-
-        Returns:
-            The last sample now.
         """
         if not len(t_ns):
             return last
@@ -59,7 +59,7 @@ class _Outline:
         return int(t_ns[-1]), xyz[-1:]
 
     def whole(self) -> tuple[Ints, Floats]:
-        """Times (K,) of the kept samples, nondecreasing, and positions (K, 3)."""
+        """Return times (K,) [ns] of the kept samples, nondecreasing, and positions (K, 3)."""
         ends = [each for each in (self.last_high, self.last) if each is not None]
         t_ns = np.concatenate([*self.t_ns, np.array([t for t, _ in ends], dtype=np.int64)])
         xyz = np.concatenate([*self.xyz, *(position for _, position in ends)])
@@ -68,7 +68,10 @@ class _Outline:
 
 
 class TruthOutlines:
-    """Collects outlines of true objects from a stream of chunks."""
+    """Collects coarse samples of the paths of all true objects (targets and moving occluders) from a stream of chunks.
+
+    They give approximate positions over wide gaps and beyond the ends of a path.
+    """
 
     def __init__(self) -> None:
         """Create outlines without objects."""
@@ -80,7 +83,7 @@ class TruthOutlines:
         self._gaps_ns: dict[int, int] = {}
 
     def watch(self, chunks: Iterable[Truth]) -> Iterator[Truth]:
-        """Generate the chunks unchanged, and collect their outlines."""
+        """Generate the chunks unchanged, and collect coarse samples from them on the way."""
         for chunk in chunks:
             self._add(chunk)
             yield chunk
@@ -103,9 +106,9 @@ class TruthOutlines:
         return sorted(label for known, label in self._found if known == role)
 
     def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
-        """Return the largest gap [ns] that is interpolated by default, for each object of a role.
+        """Return the default for the widest gap [ns] that is interpolated, by identity, for the objects of a role.
 
-        `of_targets`: the result for the role `target`.
+        `of_targets`: returned unchanged if the role is `target`.
         """
         if role == TARGET:
             return of_targets
@@ -114,13 +117,14 @@ class TruthOutlines:
         return self._gaps_ns
 
     def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, ObjectPath]:
-        """Path of each object, sorted by identity, with coarse samples far away.
+        """Return the path of each object of a role by identity: all samples nearby, and coarse samples far away.
 
         Args:
-            near: rows from the first of the limits on, up to the second, which is skipped.
-            limits: at least `NEAR_NS` and the widest gap that is bridged around the requested times.
-            role: of the objects.
-            gaps_ns: see the method of that name.
+            near: all rows of the truth between both limits.
+            limits: begin and end (excluded) [ns]; at least `NEAR_NS` and the widest interpolated gap around the times
+                at which positions are needed.
+            role: `target` or `occluder`.
+            gaps_ns: widest gap that is interpolated [ns], by identity.
         """
         if self._kept is None:
             self._kept = {name: each.whole() for name, each in self._found.items()}

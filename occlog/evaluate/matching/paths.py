@@ -29,7 +29,11 @@ MIN_BRIDGE_S = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ObjectPath:
-    """Sampled positions of one object over time, interpolated between samples that are near enough in time."""
+    """Sampled positions of one object over time, interpolated between samples that are near enough in time.
+
+    M samples with times `t_ns` [ns], nondecreasing, positions `xy` (M, 2), and heights `z` (M,), NaN where unknown.
+    `gap_ns`: default for the widest interpolated gap [ns]; None: derived from the samples, which must then be all.
+    """
 
     t_ns: Ints  # (M,) not falling
     xy: Floats  # (M, 2)
@@ -43,18 +47,18 @@ class ObjectPath:
 
     @property
     def usual_gap_ns(self) -> int:
-        """Default maximum gap [ns] that is interpolated: 1.5 times the median interval, within limits.
+        """Default for the widest gap that is interpolated [ns]: 1.5 times the median interval, between 0.2 s and 1 s.
 
-        So a missing sample is not interpolated: at 2 Hz a gap of 1 s is long for a person.
+        So a missing sample is not bridged if samples are rare: at 2 Hz a gap of 1 s is long for a person.
         """
         if self.gap_ns is not None:
             return self.gap_ns
         return usual_gap_ns(float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf)
 
     def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
-        """Return positions (N, 2) at `t_ns` (N,), interpolated, and the mask (N,) of valid ones.
+        """Return positions (N, 2) at the times `t_ns` (N,), interpolated, and the mask (N,) of known ones.
 
-        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`. See `interpolate_positions`.
+        Others are NaN. `limit_ns`: widest gap that is interpolated [ns]; None: `usual_gap_ns`. Nothing is extrapolated.
         """
         return interpolate_positions(t_ns, self.t_ns, self.xy, self.usual_gap_ns if limit_ns is None else limit_ns)
 
@@ -69,7 +73,7 @@ class ObjectPath:
     def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
         """Return the heights (N,) at `t_ns` (N,), interpolated between samples with a height; NaN if unknown.
 
-        `limit_ns`: largest gap that is interpolated [ns]; None: that of this path.
+        `limit_ns`: widest gap that is interpolated [ns]; None: `usual_gap_ns`.
         """
         known = self.high
         if self.z is None or not known.any():
@@ -89,12 +93,18 @@ class ObjectPath:
 
 
 def usual_gap_ns(step_ns: float) -> int:
-    """Return the largest gap [ns] that is interpolated for samples with the usual interval `step_ns` [ns]."""
+    """Return the default for the widest interpolated gap [ns] of samples with the usual interval `step_ns` [ns].
+
+    1.5 times the interval, between 0.2 s and 1 s.
+    """
     return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, ObjectPath]:
-    """Return the path of every identity in a table, sorted by identity; `role`: only of this one, empty: all."""
+    """Return the path of every identity in a table, sorted by identity.
+
+    `role`: only rows of a truth with this role, `target` or `occluder`; None: all.
+    """
     keep = np.ones(len(table), dtype=np.bool_)
     if role is not None and isinstance(table, Truth):
         keep = table.role == role
@@ -104,7 +114,14 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Object
 
 
 class ExpectedMeasurement(NamedTuple):
-    """Expected measurements of a sensor for N positions."""
+    """Noise-free measurements that a sensor should make of N positions.
+
+    `bearing`: azimuth in the world [rad]; `u_px`: horizontal offset from the principal point, to the right [px], NaN if
+    not in front of a camera; `variance_px`: of `u_px` by pose errors ([Ercan] Eq. 2 without read noise); `in_view`:
+    mask, in the field of view and range; `clear`: mask, also not behind a wall or static occluder; `theta`, `phi`:
+    azimuth about the sensor's own z axis and angle from that axis [rad], NaN without a height. All (N,) unless
+    reshaped.
+    """
 
     bearing: Floats  # (N,) azimuth [rad]
     u_px: Floats  # (N,) offset to the right; NaN where not in front, or not a camera
@@ -125,7 +142,12 @@ class ExpectedMeasurement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SensorGeometry:
-    """A camera or array with the static polygons that occlude its view."""
+    """A camera or microphone array with the static polygons that occlude its view.
+
+    `ground`: (2,) position and `height`, in the scene's unit; `camera`: None for an array; `reach`: maximum range;
+    `walls`: vertices (n, 2) of each polygon; `rotation`: (3, 3) world from array, of a camera the identity; `upright`:
+    whether the array's z axis is vertical.
+    """
 
     name: str
     ground: Floats  # (2,)
@@ -142,9 +164,9 @@ class SensorGeometry:
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
-        """Return expected measurements for positions `xy` (N, 2) at heights `z` (N,); NaN positions are not in view.
+        """Return the expected measurements of N positions `xy` (N, 2) at heights `z` (N,).
 
-        For an unknown height (NaN) the distance uses the sensor's height.
+        NaN positions are not in view. If a height is unknown (NaN), the distance from an array is taken in the plane.
         """
         bearing = wrap_angle(np.arctan2(xy[:, 1] - self.ground[1], xy[:, 0] - self.ground[0]))
         theta, phi = sight_angles(np.column_stack([xy, z]), self.position, self.rotation)
@@ -176,7 +198,7 @@ class SensorGeometry:
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, SensorGeometry]:
-    """Return the sensors of the given names, sorted; InputError for one without a pose in the scene.
+    """Return the geometry of the named sensors by name, sorted; InputError for one without a pose in the scene.
 
     `source`: what names them, for the message.
     """

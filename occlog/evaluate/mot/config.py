@@ -18,10 +18,10 @@ MIN_LENGTH, MAX_LENGTH = 1e-9, 1e9
 
 @dataclass(frozen=True)
 class MultiTargetConfig(Settings):
-    """Settings of the figures for many targets.
+    """Settings of the figures for many targets (MOT metrics), in images and on the ground.
 
-    Target assigned to a track ([Qu] Eq. 9): `id`, the one with its identity; `start`, the first one that it is on;
-    `optimal`, by the one-to-one assignment with most estimates on their assigned target.
+    `assigned_target` decides on which target a track should be ([Qu] Eq. 9): `id`, the one with its identity; `start`,
+    the first one that it is on; `optimal`, by the one-to-one assignment with most estimates on their assigned target.
     """
 
     OWNER: ClassVar[str] = "many targets"
@@ -49,8 +49,7 @@ class MultiTargetConfig(Settings):
         "assignment (`optimal`).",
         choices=("id", "start", "optimal"),
         option="--assigned-target",
-        shown="id; start for MOTChallenge text, boxes, tracks initiated from detections; "
-        "else optimal with --match optimal",
+        shown="id; start for MOTChallenge text, boxes, tracks from detections; else optimal with --match optimal",
         kinds=MANY,
     )
     clear_rule: str = setting(
@@ -202,28 +201,30 @@ class MultiTargetConfig(Settings):
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
     def gap_ns(self, limit_ns: int | None) -> int:
-        """Maximum gap of tracks that is interpolated [ns]; `limit_ns`: that of the truth (None: by its samples)."""
+        """Return the widest gap of tracks that is interpolated [ns].
+
+        `limit_ns`: that of the truth, which is the default; None: unknown, the default is 1 s.
+        """
         if self.track_gap_s is not None:
             return round(self.track_gap_s * 1e9)
         return round(BRIDGE_S * 1e9) if limit_ns is None else limit_ns
 
 
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
-    """Return the default rule for the target of a track: `id`, `start` or `optimal`.
+    """Return the default of `MultiTargetConfig.assigned_target`: `id`, `start` or `optimal`.
 
-    `numbered_itself`: the tracks have identities of their own, thus no numbers of targets. See
-    `MultiTargetConfig.assigned_target`.
+    `numbered_itself`: whether the tracker numbers its tracks itself, so that numbers are not those of targets.
     """
     return "id" if config.match == "id" else ("start" if numbered_itself else "optimal")
 
 
 def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:
-    """Options of multi-target figures on the ground; or None, and the reason why there are none.
+    """Return the settings of multi-target figures on the ground; or None, and the reason (a note) why there are none.
 
     Args:
-        unit: of lengths.
-        own: which target is a track's own, unless that was given.
-        given: options that were given.
+        unit: unit of lengths; of an unknown unit a match distance must be given.
+        own: default of `assigned_target`.
+        given: settings of the user by name.
     """
     many = configure(MultiTargetConfig.in_unit(unit), {"assigned_target": own, **given})
     if many.match_distance is None:

@@ -28,17 +28,17 @@ RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
 
 
 class MotFigures:
-    """Accumulates CLEAR-MOT, IDF1, HOTA and GOSPA over parts of a recording, in two passes: `prepare`, `update`.
+    """Accumulates CLEAR-MOT, IDF1, HOTA and GOSPA over parts of a recording, in two passes: `prepare`, then `update`.
 
-    Target and track numbers are the same in all parts of a recording.
+    Targets and tracks have the same indices in all parts of a recording.
     """
 
     def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
         """Create figures without frames.
 
         Args:
-            frames: any part, for the keys of all targets and tracks and for the limit of distance; points meet where
-                their similarity reaches 0.5, boxes where it reaches the overlap.
+            frames: any part, which has the keys of all targets and tracks, and the distance limit of points; points
+                match from a similarity of 0.5 on, boxes from the IoU `match_iou` on.
             config: limits and rules of the figures.
         """
         targets, tracks = len(frames.truth_key), len(frames.track_key)
@@ -56,7 +56,7 @@ class MotFigures:
         self._alignment.update(frames)
 
     def update(self, frames: MatchedFrames) -> MatchedPairs:
-        """Second pass: add frames in the order of time; return the CLEAR-MOT pairs."""
+        """Second pass: add frames in the order of time; return their CLEAR-MOT pairs."""
         made = self._matcher.update(frames)
         self._clear.update(frames, made)
         self.identity.update(frames)
@@ -72,12 +72,12 @@ class MotFigures:
         self._gospa.merge(other._gospa)
 
     def result(self, cells: int, suffix: str = "", unit: str = "") -> Metrics:
-        """All figures, by name.
+        """Return all figures by name.
 
         Args:
-            cells: number of frames, empty ones included, over which GOSPA is averaged.
+            cells: number of frames of all views, empty ones included, over which GOSPA is averaged.
             suffix: suffix of the names, such as `_sensor_NAME`.
-            unit: of the distance; empty: 1 - IoU.
+            unit: unit of the distance; empty: it is 1 - IoU.
         """
         out = _clear(self._clear.result(), suffix, unit) | _identity(self.identity.result(), suffix)
         named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
@@ -116,7 +116,7 @@ class GospaFigures:
     """Accumulates the mean GOSPA over parts of a recording."""
 
     def __init__(self, config: MultiTargetConfig, cutoff: float) -> None:
-        """Start without frames; exponent and alpha from the configuration, cutoff distance."""
+        """Start without frames; `config` has exponent and alpha, `cutoff` is a distance (or 1 - IoU)."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
     def update(self, frames: MatchedFrames) -> None:
@@ -128,12 +128,12 @@ class GospaFigures:
         self._sums.merge(other._sums)
 
     def result(self, cells: int, suffix: str, unit: str) -> Metrics:
-        """Return the mean GOSPA over frames, in `unit`, and its parts, in that unit to the power p.
+        """Return the mean GOSPA over frames, in `unit`, and its parts, in that unit to the power p, by name.
 
         Args:
-            cells: number of frames (of all views).
-            suffix: of the names of the figures.
-            unit: of distances; empty: without.
+            cells: number of frames of all views.
+            suffix: suffix of the names of the figures.
+            unit: unit of distances; empty: distances are 1 - IoU.
         """
         means = self._sums.means(max(cells, 1))
         end = f"{suffix}_{unit}" if unit else suffix
@@ -148,7 +148,7 @@ def power_of(config: MultiTargetConfig, unit: str) -> str:
 
 
 def of_view(side: Objects, view: int) -> Objects:
-    """Return the rows of the objects in one view, of index `view`."""
+    """Return the objects of the view with the index `view`, without the column of views."""
     mine = np.zeros(len(side.frame), dtype=np.int64) == view if side.view is None else side.view == view
     return Objects(side.frame[mine], side.label[mine], side.position[mine])
 
@@ -166,7 +166,13 @@ class FailureCounts:
         self._label = self._position = self._total = 0
 
     def update(self, found: FailureRates, rows: Bools, total: int) -> None:
-        """Add the failures `found`, of which the mask `rows` selects those that count, among `total` true rows."""
+        """Add failures.
+
+        Args:
+            found: failures of trackers, of which some are label failures and the others position failures.
+            rows: mask of those that count.
+            total: number of true rows.
+        """
         label = int(np.count_nonzero(found.label[rows]))
         self._label += label
         self._position += int(np.count_nonzero(rows)) - label
@@ -178,7 +184,10 @@ class FailureCounts:
         self._total += other._total
 
     def result(self, suffix: str = "") -> Metrics:
-        """Return the failure rates over all true rows, and the numbers of failures, with names that end in `suffix`."""
+        """Return the rates of position and label failures over all true rows, FR_p and FR_l [Qu], and their numbers.
+
+        `suffix`: suffix of the names.
+        """
         return {
             f"fr_p{suffix}": ratio_or_nan(self._position, self._total),
             f"fr_l{suffix}": ratio_or_nan(self._label, self._total),
@@ -196,44 +205,50 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Whether the tracks have their own identities, by the figures `metrics`, so that per-frame pairs come first."""
+    """Return whether the figures are of tracks with identities of their own, unrelated to those of the targets.
+
+    Figures of pairs matched in each frame are then more important than those by identity.
+    """
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
-    """Return those of the figures that come first, in any unit of length."""
+    """Return only the headline figures of `metrics` (such as HOTA, IDF1, MOTA), in any unit of length."""
     begin = "matched_rmse_"
     unit = next((name.removeprefix(begin) for name in metrics if name.startswith(begin)), "")
     return {name: metrics[name] for name in names(unit) if name in metrics}
 
 
 def names(unit: str) -> tuple[str, ...]:
-    """Return the names of the figures that come first in a summary; `unit` (of length) is part of them."""
+    """Return the names of the headline figures of tracks with their own identities.
+
+    `unit`: unit of lengths, part of names.
+    """
     pairs = (f"matched_rmse_{unit}", "matched_nees_mean", "matched_nees_share_95", f"matched_gate_{unit}")
     return ("hota", "idf1", "mota", "id_switches", *pairs)
 
 
 def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
-    """Return a copy of all figures in which those of `names` come first; `unit` (of length) is part of names."""
+    """Return all figures, reordered so that the headline figures come first; `unit`: unit of lengths, part of names."""
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
-    """Whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`.
+    """Return whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`.
 
-    `unit`: of lengths, part of the names in `metrics`.
+    `unit`: unit of lengths, part of the names in `metrics`.
     """
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"matched_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
 
 
 def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...]:
-    """Note on which of two RMSEs to use if they differ much.
+    """Return a note that explains two RMSEs (whole-run and per-frame pairs) if they differ much; else empty.
 
     Args:
-        metrics: all figures.
-        unit: of lengths.
-        match: how each track was paired with one target.
+        metrics: all figures by name.
+        unit: unit of lengths.
+        match: how tracks are paired with targets over the whole run, `id` or `optimal`.
     """
     if not matchings_differ(metrics, unit):
         return ()

@@ -50,7 +50,7 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def of(cls, rows: Boxes, views: Sequence[str], frame: Ints) -> SampledBoxes:
-        """Return the rows with a box in the cameras `views`, up to `MAX_ROWS`.
+        """Return the rows that have a box in one of the cameras `views`, up to `MAX_ROWS`.
 
         `frame`: (n,) frame numbers of the n rows.
         """
@@ -68,19 +68,27 @@ class SampledBoxes(NamedTuple):
 
     @property
     def key(self) -> Ints:
-        """(n,) integer that identifies frame and camera of each box."""
+        """(n,) integer for each box, unique to its frame and camera."""
         return self.frame * 1024 + self.view
 
 
 class BoxChange(NamedTuple):
-    """A correction of the tracks with its description, and the share of boxes that then fit."""
+    """A correction of the tracks' boxes that makes them fit the true boxes better.
+
+    Attributes:
+        words: description of the correction.
+        fit: F1 score, 0 to 1, of the corrected boxes against the true ones.
+    """
 
     words: str
     fit: float
 
 
 def misfit(tracks: SampledBoxes, truth: SampledBoxes, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-    """Return the check of whether tracks fit the truth; if MOTA in `metrics` is low, with the correction that helps."""
+    """Return the check of whether tracks fit the true boxes.
+
+    If MOTA in `metrics` is low, a correction of frame numbers, sizes or box format is searched for and reported.
+    """
     mota = metrics.get("mota", math.nan)
     return outcome(FITS, _found(tracks, truth) if mota < MIN_MOTA else (), mota=mota, allowed=MIN_MOTA)
 
@@ -100,7 +108,7 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
 def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
     """Generate corrections of the tracks with their descriptions, simplest first.
 
-    Each alone, and with the shift of frame numbers that fits best.
+    Each other meaning of the boxes comes alone, and with the shift of frame numbers that then fits best.
     """
     for words, change in _of_boxes():
         ltwh = change(tracks.ltwh)
@@ -117,7 +125,10 @@ def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, S
 
 
 def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
-    """Other meanings of a box's four numbers (corners, centres, scaled), with their conversion to edges and sizes."""
+    """Generate other meanings of a box's four numbers (scaled, corners, centre), each with a description.
+
+    With it comes a function from (n, 4) numbers to left, top, width and height; the first one is the identity.
+    """
     yield "", np.array
     for scale in SCALES:
         yield f"boxes multiplied by {scale:.3g} (images of another size)", partial(np.multiply, scale)
@@ -132,7 +143,7 @@ def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
 
 
 def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
-    """Return the F1 score, 0 to 1, of boxes that overlap one of the other side in the same frame.
+    """Return the F1 score, 0 to 1, of boxes that overlap a box of the other side in the same frame and camera.
 
     An overlap is an IoU of at least `MIN_IOU`; up to `MAX_FRAMES` common frames are compared, 0 without any.
     """
@@ -153,9 +164,9 @@ def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
 
 
 def _best_shift(tracks: SampledBoxes, truth: SampledBoxes) -> int:
-    """Return the shift of the tracks' frame numbers with most boxes near a true box of similar size.
+    """Return the shift to add to the tracks' frame numbers so that most boxes overlap a true one.
 
-    By a Hough transform.
+    By a Hough transform, for shifts up to `MAX_SHIFT`; 0 if no boxes overlap.
     """
     chosen = np.unique(np.linspace(0, len(tracks.frame) - 1, MAX_FRAMES).round().astype(np.int64))
     votes = np.zeros(2 * MAX_SHIFT + 1)

@@ -43,19 +43,19 @@ def evaluate_ground(
     limit_ns: int | None,
     unit: str = "m",
 ) -> Evaluation:
-    """Evaluate tracks on the ground as points (x, y); heights are ignored.
+    """Evaluate tracks on the ground as points (x, y) by multi-target metrics; heights are ignored.
 
-    A frame is a time at which the truth has a sample of any target.  Truth and tracks are
-    interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
-    `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
-    target until then.  Of an empty truth, which states that no target is present, every time of the tracks is a frame.
+    A frame is a time at which the truth has a sample of any target. Truth and tracks are interpolated to it, the truth
+    over gaps of at most `limit_ns`, tracks over gaps of at most `config.track_gap_s`; nothing is extrapolated, so that
+    a track that begins late misses its target until then. If the truth is empty (no target is present), every time of
+    the tracks is a frame.
 
     Args:
         tracks: estimates of any number of targets.
         truth: rows of role `target` are used.
-        config: options; `match_distance` is at once the distance at which a pair still meets, and tau.
-        limit_ns: widest gap of the truth that is bridged [ns]; None: by the usual time between its rows.
-        unit: of lengths.
+        config: options; `match_distance` is both the gate of a match and the distance limit tau of failures.
+        limit_ns: widest gap of the truth that is interpolated [ns]; None: by the usual interval of its rows.
+        unit: unit of lengths.
 
     Raises:
         InputError: no distance is given, or the truth has rows, but no target.
@@ -71,7 +71,12 @@ def evaluate_ground(
 
 
 class EvaluatedPart(NamedTuple):
-    """Frames of a part of a recording: interpolated points from frame `begin` on, rows of tracks, true paths."""
+    """Frames of a part of a recording on the ground.
+
+    `points`: truth and tracks interpolated at the frame times; `begin`: number of frames before; `rows`: rows of the
+    tracks at these times, perhaps others too; `targets`: true paths around these times; `over`: masks of the targets
+    and tracks without later rows, None: unknown.
+    """
 
     points: PointTracks
     begin: int  # number of frames before it
@@ -81,7 +86,11 @@ class EvaluatedPart(NamedTuple):
 
 
 class OwnPairs(NamedTuple):
-    """Per-frame pairs in which the track has its own row (not interpolated) at the time."""
+    """n pairs of a target and a track in one frame, where the track has a row at that time (is not interpolated).
+
+    `target`: (n,) identity of the target; `t_ns`: (n,) times [ns]; `error`: (n, 2) estimate minus truth; `nees`: (n,)
+    normalised estimation errors squared.
+    """
 
     target: Ints  # (n,) its identity
     t_ns: Ints  # (n,)
@@ -108,12 +117,12 @@ class GroundFigures:
         """Start without frames.
 
         Args:
-            targets: all identities of targets, rising; more of them do no harm.
-            tracks: all identities of tracks, likewise.
+            targets: all identities of targets, rising; additional ones do no harm.
+            tracks: all identities of tracks, rising.
             frames: number of all frames.
             config: options, with a match distance.
-            unit: of lengths.
-            in_memory: how many distances are kept in memory; more go to a file without a name.
+            unit: unit of lengths.
+            in_memory: how many distances are kept in memory; more go to a temporary file.
 
         Raises:
             InputError: no match distance is given.
@@ -149,7 +158,10 @@ class GroundFigures:
 
     @classmethod
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
-        """Create the figures for the identities and frames of a survey; `unit`: of lengths."""
+        """Create the figures for the identities and frames that a first pass (`known`) has found.
+
+        `unit`: unit of lengths.
+        """
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
 
@@ -159,7 +171,7 @@ class GroundFigures:
         return found._replace(frame=found.frame + part.begin)
 
     def prepare(self, part: EvaluatedPart) -> None:
-        """First pass over the parts, in the order of time."""
+        """First pass: add a part, in the order of time, to the assignment of targets and to the alignment of HOTA."""
         points = part.points
         self._labels[0].update(np.unique(points.truth.label).tolist())
         self._labels[1].update(np.unique(points.tracks.label).tolist())
@@ -167,7 +179,10 @@ class GroundFigures:
         self._mot.prepare(self._frames_of(part))
 
     def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
-        """Second pass: add frames in the order of time; return counts of targets and tracks, and failures."""
+        """Second pass: add a part, in the order of time; return its numbers of targets and tracks, and its failures.
+
+        The pairs of the part are then in `own_pairs`.
+        """
         points, frames = part.points, self._frames_of(part)
         self._interpolated += _interpolated(points, part.targets)
         made = self._mot.update(frames)
@@ -212,15 +227,15 @@ class GroundFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Return notes for the user: on track numbers that are of no target."""
+        """Return a note for the user if no track has the number of a target although tracks are assigned by number."""
         theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
         return unrelated_ids_note(ours, theirs, self._config)
 
     def _detection(self) -> Metrics:
-        """MODA and MODP: detection rate and precision of positions, regardless of identities.
+        """Return MODA and MODP (detection and precision of positions, without identities), misses and false alarms.
 
-        MODA = 1 - (missed + false) / objects and MODP = mean of 1 - d / limit over the pairs of all frames together, as
-        the evaluation of WILDTRACK has them (Chavdarova et al. 2018; Kasturi et al. 2009), within `moda_distance`.
+        MODA = 1 - (missed + false) / objects and MODP = mean of 1 - d / limit over the pairs of all frames together,
+        within `moda_distance`, as in the evaluation of WILDTRACK (Chavdarova et al. 2018; Kasturi et al. 2009).
         """
         got = self._moda.result()
         return {
@@ -231,7 +246,14 @@ class GroundFigures:
         }
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
-        """Return OSPA(2), and the mean trajectory GOSPA over `cells` frames; `unit`: of lengths, in the names."""
+        """Return OSPA(2) and trajectory GOSPA with their parts, by name; GOSPA is averaged over the frames.
+
+        If sliding windows are configured, OSPA(2) in windows is averaged over the frames, too.
+
+        Args:
+            cells: number of frames.
+            unit: unit of lengths, in the names.
+        """
         whole = self._ospa2.result()
         out: Metrics = {
             f"ospa2_{unit}": whole.ospa2,
@@ -249,28 +271,27 @@ class GroundFigures:
 
 
 class PairErrors:
-    """Accumulates errors of tracks from the nearest targets by per-frame pairs, regardless of identities.
+    """Accumulates distances of tracks from targets in per-frame pairs, regardless of identities.
 
-    Pairs are assigned in each frame, unlike CLEAR-MOT's, which keep a track that has changed to a neighbour as long as
-    it is near. Covariances are evaluated where the track has its own row at the time (interpolated ones have none).
-    Since the match distance bounds errors, the mean NEES is slightly below 2 if standard deviations approach a third of
-    it.
+    Each frame is paired on its own. CLEAR-MOT, in contrast, keeps a pair while the track is near, even if the track has
+    changed to a neighbour. Covariances are evaluated (NEES) where the track has a row at the time. Since the match
+    distance bounds errors, the mean NEES is slightly below 2 if standard deviations approach a third of it.
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Create sums without pairs; `unit` of lengths, and the number of distances kept `in_memory`."""
+        """Create sums without pairs; `unit`: unit of lengths, `in_memory`: number of distances that stay in memory."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
     def update(self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks) -> OwnPairs:
-        """Add frames; return the pairs with a track that has a row at the time.
+        """Add frames; return the pairs in which the track has a row at the time.
 
         Args:
             frames: truth and tracks.
-            made: pairs of each frame alone.
-            points: from which the frames were made.
-            tracks: rows at their times.
+            made: pairs of each frame.
+            points: positions from which the frames were made.
+            tracks: rows at the times of the frames, with covariances.
         """
         true, ours = frames.truth_row[made.truth], frames.track_row[made.track]
         error = points.tracks.position[ours] - points.truth.position[true]
@@ -295,7 +316,7 @@ class PairErrors:
         self._pairs += other._pairs
 
     def result(self) -> Metrics:
-        """RMSE, median and 95 % quantile of the distances, and consistency."""
+        """Return RMSE, median and 95 % quantile of the distances, and mean and consistency of the NEES, by name."""
         unit = self._unit
         spread = self._distances.result("matched_error", unit)
         nees = self._nees.result("matched_nees", "")
@@ -310,7 +331,10 @@ class PairErrors:
 
 
 def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
-    """Return the row (n,) in `tracks` with the time `times` (n,) and identity `labels` (n,); -1: none."""
+    """Return the index (n,) of the row in `tracks` with each time in `times` (n,) and identity in `labels` (n,).
+
+    -1: none.
+    """
     order = np.lexsort((tracks.target_id, tracks.t_ns))
     keys = list(zip(tracks.t_ns[order].tolist(), tracks.target_id[order].tolist(), strict=True))
     index_of = dict(zip(keys, order.tolist(), strict=True))
@@ -319,11 +343,11 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
 
 
 def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTracks, begin: int) -> Counts:
-    """Return the numbers of targets, tracks, pairs and switches of each frame of a part.
+    """Return the numbers of targets, tracks, pairs, misses, false tracks and switches in each frame of a part.
 
     Args:
-        frames: the frames that were matched.
-        made: pairs.
+        frames: truth and tracks that were matched.
+        made: CLEAR-MOT pairs.
         points: targets and tracks of the part.
         begin: number of its first frame.
     """
@@ -346,7 +370,7 @@ def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTra
 
 
 class CountSums:
-    """Accumulates numbers of targets and tracks: means, and mean, root mean square and maximum of the difference."""
+    """Accumulates numbers of targets and tracks per frame, for their means and for statistics of their difference."""
 
     def __init__(self) -> None:
         """Create sums without frames."""
@@ -369,7 +393,7 @@ class CountSums:
         self._squares, self._most = self._squares + other._squares, max(self._most, other._most)
 
     def result(self) -> Metrics:
-        """Return mean numbers of targets and tracks per frame, and mean, RMS and maximum of their difference."""
+        """Return mean numbers of targets and tracks per frame, and mean, RMS and largest size of their difference."""
         n = self._frames
         return {
             "count_targets_mean": ratio_or_nan(self._targets, n),
@@ -381,7 +405,10 @@ class CountSums:
 
 
 def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """Return the number of true positions, on `paths` by label, interpolated where their object has no row."""
+    """Return how many true positions in `points` are interpolated, i.e. are at times without a sample of the object.
+
+    `paths`: true paths by identity.
+    """
     times = points.t_ns[0]
     mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
@@ -395,15 +422,15 @@ def times_of(tracks: Tracks, truth: Truth) -> Ints:
 def points_in_true_frames(
     tracks: Tracks, truth: Truth, times: Ints, config: MultiTargetConfig, limit_ns: int | None, unit: str
 ) -> PointTracks:
-    """Return truth and tracks interpolated at the frame times, as one unnamed view.
+    """Return truth and tracks interpolated at the frame times, as one view without a name.
 
     Args:
         tracks: estimates.
-        truth: InputError if it has rows, but none of a target.
+        truth: true positions; InputError if it has rows, but none of a target.
         times: (F,) rising frame times [ns].
         config: largest match distance and gap of tracks.
-        limit_ns: largest gap of the truth that is interpolated [ns]; None: that of each path.
-        unit: of lengths.
+        limit_ns: widest gap of the truth that is interpolated [ns]; None: that of each path.
+        unit: unit of lengths.
     """
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
@@ -420,16 +447,16 @@ def places_of(
     limit_ns: int | None,
     unit: str,
 ) -> PointTracks:
-    """Return paths interpolated at the frame times, as one unnamed view.
+    """Return true and estimated paths interpolated at the frame times, as one view without a name.
 
     Args:
-        targets: true paths by label.
-        tracks: estimated paths by label.
+        targets: true paths by identity.
+        tracks: estimated paths by identity.
         times: (F,) rising frame times [ns].
         begin: number of the first frame.
         config: largest match distance and gap of tracks.
-        limit_ns: largest gap of true paths that is interpolated [ns]; None: that of each path.
-        unit: of lengths.
+        limit_ns: widest gap of true paths that is interpolated [ns]; None: that of each path.
+        unit: unit of lengths.
     """
     left = _points(targets, times, limit_ns)
     right = _points(tracks, times, config.gap_ns(limit_ns))
@@ -447,9 +474,9 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Return the positions of each path at rising times (F,), interpolated; no row where they are unknown.
+    """Return the positions of each path at rising times (F,) [ns], interpolated, with index of the time and identity.
 
-    `limit_ns`: largest gap that is interpolated [ns]; None: that of each path.
+    Unknown positions get no row. `limit_ns`: widest gap that is interpolated [ns]; None: that of each path.
     """
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():

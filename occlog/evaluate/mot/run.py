@@ -66,7 +66,10 @@ TEXT = (".txt", ".csv")
 
 
 def in_images(path: Path | None) -> bool:
-    """Whether a file holds tracks in images: text, or a table of view tracks or boxes; False for None."""
+    """Return whether a file holds tracks in images: MOTChallenge text, or a table of view tracks or boxes.
+
+    False for None.
+    """
     if path is None:
         return False
     if _is_text(path):
@@ -76,7 +79,7 @@ def in_images(path: Path | None) -> bool:
 
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
-    """Evaluate tracks in images against true boxes, write the requested outputs, and return the result."""
+    """Evaluate tracks in images against true boxes, write the requested files, and return figures, notes and checks."""
     compared, config, scene, uncounted = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
@@ -97,7 +100,10 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
 
 
 def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetConfig:
-    """Settings of the request; UsageError for a cutoff, which boxes do not have."""
+    """Return the settings of the request; UsageError for a GOSPA cutoff above 1, the largest 1 - IoU of boxes.
+
+    `ours`: the tracks; None: they are MOTChallenge text.
+    """
     named = ours is not None and ours.has(ViewTracks)
     own = "id" if named and not initiated_from_detections(request.tracks) else "start"
     overlap = configure(EvaluateConfig(), request.settings).iou_threshold
@@ -117,7 +123,10 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
 def compared_boxes(
     request: EvaluateRequest,
 ) -> tuple[ComparedBoxes, MultiTargetConfig, Scene | None, tuple[str, ...]]:
-    """Open tracks and truth for comparison; also return the settings, the scene of the truth, and notes."""
+    """Open tracks and truth of the request for comparison.
+
+    Also returned are the settings, the scene of the truth (None: it has none), and notes for the user.
+    """
     if request.tracks is None or request.truth is None:
         raise UsageError(
             f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text",
@@ -155,10 +164,11 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
 
     Args:
         path: file of the true boxes.
-        marks: class and `counts` of each of its rows.
+        marks: class and mark (counts or not) of each of its rows.
         rule: name of the benchmark.
 
-    InputError if none is left.
+    Raises:
+        InputError: no true box is left.
     """
     skipped = ~(marks.counts & (marks.kind == PEDESTRIAN))
     if not skipped.any():
@@ -173,7 +183,10 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
-    """Return a function that generates tracks and true boxes of the same times, chunk by chunk."""
+    """Return a function that generates tracks and true boxes, both of the same times, chunk by chunk.
+
+    `ours`, `theirs`: opened tables of the tracks and of the truth.
+    """
     kind: type[Boxes] = TruthBoxes if ours.has(TruthBoxes) else Boxes
     ellipses = opened_rows(ours, ViewTracks)
     boxes = opened_rows(ours, kind)
@@ -188,9 +201,10 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
 
 
 def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
-    """Return the rules for classes: as requested, or as the truth's columns require.
+    """Return the benchmark with the rules for classes (`mot15`, `mot17`, `mot20`): as requested, else by the columns.
 
-    `text`: the truth is MOTChallenge text.
+    UsageError if the requested one needs a column of classes that the file lacks. `text`: the truth is MOTChallenge
+    text.
     """
     classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
@@ -204,12 +218,12 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
 
 
 def has_no_rows(path: Path) -> bool:
-    """Whether a text file has no data line: nothing was tracked, or no target is present."""
+    """Return whether a text file has no data line: nothing was tracked, or no target is present."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
-    """Return the rule for the target of a track in the given settings; None if the user states none."""
+    """Return the setting `assigned_target` of the user; None if it is not given."""
     return None if given.get("assigned_target") is None else str(given["assigned_target"])
 
 
@@ -219,7 +233,10 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Context manager: in an InputError replace the first word of the message by the file of that name in `files`."""
+    """Context manager that replaces the first word of an InputError's message by the file with that name in `files`.
+
+    For example `truth: has no boxes` becomes `gt.txt: has no boxes`.
+    """
     try:
         yield
     except InputError as error:
@@ -228,7 +245,7 @@ def _named(files: Mapping[str, Path]) -> Iterator[None]:
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a file is MOTChallenge text by its name, and neither a recording nor a table."""
+    """Return whether a file is MOTChallenge text by its name, and neither a recording nor a table."""
     if path.suffix.lower() not in TEXT or open_if_ours(path, "MOTChallenge text") is not None:
         return False
     return not path.stat().st_size or not is_external(path)
@@ -237,10 +254,10 @@ def _is_text(path: Path) -> bool:
 def _read_both(
     tracks: Path, truth: Path, config: MultiTargetConfig, rule: str
 ) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Return tracks, truth, and the scene of its recording, if any.
+    """Return tracks, truth, and the scene of the truth's recording (None: no recording).
 
-    MOTChallenge text is of the camera in the other file. `rule`: name of the benchmark; with its classes the truth has
-    all its rows.
+    MOTChallenge text is taken to be of the camera in the other file. `rule`: name of the benchmark; if it has classes,
+    also rows that are marked as not counting are read.
     """
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
@@ -253,13 +270,13 @@ def _read_both(
 
 
 def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
-    """Return tracks, and true boxes of an annotation tool, for one of the tracks' cameras.
+    """Return tracks, and true boxes of an annotation tool, of one camera of the tracks.
 
     Args:
-        tracks: table or text.
-        truth: file of the tool.
+        tracks: table or MOTChallenge text.
+        truth: file of the tool, with frame numbers and no times.
         config: camera, frame rate.
-        counted: name of the format.
+        counted: name of the tool's format.
     """
     found, name = _tracks_of_one(tracks, config)
     boxes = read_annotation(truth, counted, name, config)
@@ -267,9 +284,9 @@ def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counte
 
 
 def _tracks_of_one(path: Path, config: MultiTargetConfig) -> tuple[Boxes, str]:
-    """Return the tracks, and the name of the camera to which a truth without camera names refers.
+    """Return the tracks, and the name of the camera that a truth without camera names is taken to be of.
 
-    `config`: the selected camera, needed if the tracks are of several.
+    `config`: the selected camera; UsageError if the tracks are of several and none is selected.
     """
     if not _is_text(path):
         found = _read_tracks(path)
@@ -310,8 +327,8 @@ def _read_text(
         camera: name for the rows.
         table: type of the result.
         config: frame rate.
-        last: last frame that the truth covers, rows or not; None: that of its last row.
-        marked: skip the rows that are marked as excluded (0).
+        last: last frame that the truth covers, with rows or not; None: that of its last row.
+        marked: skip the rows that are marked as not counting (confidence 0).
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):

@@ -35,7 +35,10 @@ from .truth_and_tracks import TruthAndTracks, asked_for, boxes_in_true_frames, c
 
 
 class NearPairs(NamedTuple):
-    """Pairs of a track's row and a nearby true row in one frame."""
+    """n pairs of a true row and a track's row of one frame that are near each other.
+
+    `truth`, `track`: (n,) indices of the rows; `share`: (n,) distance over the limit tau of the true row, 0 to 1.
+    """
 
     truth: Ints
     track: Ints
@@ -43,16 +46,16 @@ class NearPairs(NamedTuple):
 
 
 def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
-    """Return the label (m,) of the target assigned to the track of each row; `NO_TARGET` if none is.
+    """Return the identity (m,) of the target assigned to the track of each row; `NO_TARGET` if none is.
 
     Args:
         truth: n points.
-        tracks: m points; rows of one label are one track, in all views.
+        tracks: m points; rows of one identity are one track, in all views.
         tau: (n,) distance within which a track is on the true row.
         t_ns: (m,) time of each row of the tracks [ns].
-        how: `id`: the target of the same label; `start`: the first target that the track is on,
-            in any view, of several at that time the nearest in terms of tau; `optimal`: by the
-            one-to-one assignment over all views in which most estimates are on their own target.
+        how: `id`: the target of the same identity; `start`: the first target that the track is on, in any view, of
+            several at that time the nearest in terms of tau; `optimal`: by the one-to-one assignment over all views in
+            which most estimates are on their own target.
     """
     found = AssignedTargets(how)
     found.update(truth, tracks, tau, t_ns)
@@ -60,7 +63,7 @@ def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, h
 
 
 class AssignedTargets:
-    """Determines the target assigned to each track, over parts of a recording in the order of time."""
+    """Determines the target assigned to each track ([Qu] Eq. 9), over parts of a recording in the order of time."""
 
     def __init__(self, how: str) -> None:
         """Create an assignment without rows, by the rule `how` (`id`, `start` or `optimal`, see `assigned_targets`)."""
@@ -69,7 +72,7 @@ class AssignedTargets:
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Add the rows of a further part, in the order of time.
+        """Add the rows of a further part, in the order of time; nothing is needed if tracks are assigned by identity.
 
         Args:
             truth: n points.
@@ -89,7 +92,7 @@ class AssignedTargets:
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
     def of(self, labels: Ints) -> Ints:
-        """Return the label (n,) of the target assigned to each track in `labels` (n,); `NO_TARGET` if none is."""
+        """Return the identity (n,) of the target assigned to each track in `labels` (n,); `NO_TARGET` if none is."""
         if self._how == "id":
             return labels
         own = self._first if self._how == "start" else self._best
@@ -98,7 +101,7 @@ class AssignedTargets:
 
     @cached_property
     def _best(self) -> dict[int, int]:
-        """One-to-one assignment of tracks to targets with most pairs."""
+        """One-to-one assignment of tracks to targets, by identity, with the most rows at most tau apart."""
         couples = sorted(self._met.items())
         track, target = np.array([couple for couple, _ in couples], dtype=np.int64).reshape(-1, 2).T
         met = np.array([count for _, count in couples], dtype=np.float64)
@@ -107,7 +110,10 @@ class AssignedTargets:
 
 
 def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
-    """Return all pairs of a true row and a track's row of one frame, at most `tau` (true rows,) apart."""
+    """Return all pairs of a true row and a track's row of one frame and view that are at most `tau` (n,) apart.
+
+    `tau`: distance limit of each of the n true rows.
+    """
     frames = of_points(truth, tracks, 1.0)
     parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
     reach = tau[frames.truth_row]
@@ -120,7 +126,18 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
 
 
 class PointTracks(NamedTuple):
-    """Truth and tracks as points, with distance limits and frames, for failure rates."""
+    """Truth and tracks as points in common frames, with distance limits, for failure rates.
+
+    Attributes:
+        truth: true positions, n rows.
+        tracks: estimated positions.
+        tau: (n,) largest distance of a tracker that is on the target of a true row.
+        views: names of the cameras.
+        t_ns: for each view the times of its frames [ns].
+        number: for each view the numbers of its frames.
+        visible: (n,) visible share of each true row, 0 to 1; NaN: unknown.
+        unit: unit of distances.
+    """
 
     truth: Objects
     tracks: Objects
@@ -132,11 +149,11 @@ class PointTracks(NamedTuple):
     unit: str  # of distances
 
     def times(self, side: Objects) -> Ints:
-        """Return the time (n,) [ns] of each of the n rows of `side`, by view and frame."""
+        """Return the time (n,) [ns] of each of the n rows of `side` (truth or tracks)."""
         return self._at(self.t_ns, side)
 
     def numbers(self, side: Objects) -> Ints:
-        """Return the frame number (n,) of each of the n rows of `side` in its camera's stream."""
+        """Return the frame number (n,), in its camera's stream, of each of the n rows of `side` (truth or tracks)."""
         return self._at(self.number, side)
 
     def _at(self, values: tuple[Ints, ...], side: Objects) -> Ints:
@@ -145,7 +162,7 @@ class PointTracks(NamedTuple):
 
 
 def keys_of(side: Objects) -> Ints:
-    """Return (G, 2) view and label of every distinct object."""
+    """Return view and identity (G, 2) of every distinct object, sorted."""
     return np.unique(np.column_stack([_views_of(side), side.label]), axis=0).astype(np.int64)
 
 
@@ -174,7 +191,7 @@ class ImageTrackFigures:
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.match_iou)
 
     def prepare(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
-        """First pass; `begin`: number of frames of each view before this part."""
+        """First pass: add a part, in the order of time; `begin`: number of frames of each view before it."""
         points = centres_and_limits(part, self._config)
         self._owners.update(points.truth, points.tracks, points.tau, points.times(points.tracks))
         self._pooled.prepare(part.truth, part.tracks, begin)
@@ -182,9 +199,9 @@ class ImageTrackFigures:
             each.prepare(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
 
     def update(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
-        """Add a part in the second pass, in the order of time; return its failures.
+        """Second pass: add a part, in the order of time; return its failures.
 
-        `begin`: number of the part's first frame in each view.
+        `begin`: number of frames of each view before it.
         """
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
@@ -209,11 +226,11 @@ class ImageTrackFigures:
         self._views, self._each = (*self._views, *other._views), []
 
     def result(self, frames: Sequence[int], counts: Mapping[str, float]) -> Metrics:
-        """All figures.
+        """Return all figures by name: over all views, then of each view (`_sensor_NAME`) if there are several.
 
         Args:
             frames: number of frames of each view.
-            counts: of compared and skipped rows.
+            counts: numbers of compared and skipped rows, which are added.
         """
         out = self._pooled.result(sum(frames), counts)
         if len(self._views) > 1:
@@ -225,7 +242,7 @@ class ImageTrackFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Return notes for the user: on track numbers that are of no target."""
+        """Return a note for the user if no track has the number of a target although tracks are assigned by number."""
         theirs, ours = self._labels
         return unrelated_ids_note(ours, theirs, self._config)
 
@@ -271,9 +288,9 @@ class _ImageFigures:
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
-    """Return the frames of all views with identities common to the views, as for several cameras of one place.
+    """Return truth and tracks of all views with identities common to the views, as for several cameras of one scene.
 
-    `labels`: all identities of truth and tracks.
+    Frames of different views remain different frames. `labels`: all identities of the truth and of the tracks, sorted.
     """
     sides = []
     for side in (truth, tracks):
@@ -283,7 +300,7 @@ def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Ma
 
 
 def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
-    """Return the centres of the boxes, with the largest distance of a track on each target.
+    """Return the centres of the boxes as points, with the distance limit tau of each true box [px].
 
     It is `distance_gate_px`, or `distance_gate` times sqrt(half width * half height) of the true box.
     """
@@ -306,13 +323,13 @@ def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> P
 
 
 def find_failures(points: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
-    """Return the position and label failures [Qu] of the trackers, by the target assigned to each."""
+    """Return the position and label failures [Qu] of the trackers; `owners`: target assigned to each track."""
     own = owners.of(points.tracks.label)
     return failure_rates.failures(points.truth, points.tracks, points.tau, own)
 
 
 def failure_rows(found: failure_rates.FailureRates, points: PointTracks) -> Failures:
-    """Return the failures as a table, sorted by time, camera and target; `points` gives times and names."""
+    """Return failures as a table, sorted by time, camera and target; `points`: has times and names for them."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
     names: Strings = np.array([*points.views, ""], dtype=np.str_)
@@ -335,7 +352,10 @@ def _views_of(side: Objects) -> Ints:
 
 
 def _visible(at: Objects, points: PointTracks) -> Floats:
-    """Return the visible share (n,) of the target of each row of `at`; NaN if unknown or absent in the frame."""
+    """Return the visible share (n,), 0 to 1, of the true target of each row of `at`.
+
+    NaN if unknown or absent in the frame.
+    """
     known = zip(_views_of(points.truth).tolist(), points.truth.frame.tolist(), points.truth.label.tolist(), strict=True)
     share = dict(zip(known, points.visible.tolist(), strict=True))
     rows = zip(_views_of(at).tolist(), at.frame.tolist(), at.label.tolist(), strict=True)
@@ -343,17 +363,17 @@ def _visible(at: Objects, points: PointTracks) -> Floats:
 
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
-    """Return a note on the cameras `names` of the truth, which have no track; empty if there are none."""
+    """Return a note on the cameras `names`, which the truth has and no track is in; empty without names."""
     return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
-    """Return a note if no track has the number of a target, and tracks are assigned by number; else empty.
+    """Return a note if no track has the number of a target although tracks are assigned by number; else empty.
 
     Args:
         ours: (n,) sorted numbers of the tracks.
-        theirs: (m,) of the targets.
-        config: how tracks are assigned.
+        theirs: (m,) sorted numbers of the targets.
+        config: settings, of which `assigned_target` states how tracks are assigned to targets.
     """
     if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []
@@ -374,7 +394,11 @@ Sides = Callable[[], Iterator[tuple[Boxes, TruthBoxes]]]
 
 @dataclass
 class _Side:
-    """One side (tracks or truth): cameras, selected cameras, and frame numbers of all and of selected rows."""
+    """Cameras and frames of one side of a comparison, tracks or truth.
+
+    `cameras`: of all rows; `wanted`: of the selected rows; `frames`: lowest and highest frame number of all rows;
+    `rows`: number of selected rows.
+    """
 
     cameras: set[str] = field(default_factory=set)
     wanted: set[str] = field(default_factory=set)
@@ -391,7 +415,7 @@ class _Side:
             self.frames = min(low, int(boxes.frame.min())), max(high, int(boxes.frame.max()))
 
     def check(self, what: str, config: MultiTargetConfig) -> None:
-        """InputError if a selected camera, or every selected frame of the truth, has no rows.
+        """Raise InputError if a selected camera has no rows, or the truth has none in the selected frames.
 
         `what`: `truth` or `tracks`, which this side is.
         """
@@ -413,12 +437,12 @@ class ComparedBoxes:
     """Tracks in images and true boxes, in the frames of the truth.
 
     Attributes:
-        views: cameras that are compared.
-        left_out: cameras of the truth that have no track.
-        frames: of each view its number of true frames.
-        counts: compared and skipped rows.
-        targets: (G, 2) view and label of each target.
-        tracks: (K, 2) view and label of each track.
+        views: names of the cameras that are compared.
+        left_out: cameras of the truth that no track is in.
+        frames: number of true frames of each view.
+        counts: numbers of compared and skipped rows by name.
+        targets: (G, 2) view and identity of each target.
+        tracks: (K, 2) view and identity of each track.
     """
 
     def __init__(
@@ -430,17 +454,17 @@ class ComparedBoxes:
         by_number: bool = False,
         adjust: Callable[[TruthAndTracks], TruthAndTracks] | None = None,
     ) -> None:
-        """Go through both sides for what must be known of the whole.
+        """Read both sides once, to determine their cameras, frames and identities.
 
         Args:
-            sides: tracks and truth; rows of other cameras and frames than those asked for are skipped.
+            sides: generates tracks and truth; rows of cameras and frames that are not selected are skipped.
             config: options.
             cameras: cameras that are compared even if no track is in them.
-            by_number: frames are the same when camera and number are; otherwise when camera and time are.
-            adjust: change of each part, such as leaving out tracks of distractors.
+            by_number: frames are equal if camera and frame number are; otherwise if camera and time are.
+            adjust: change of each part, such as dropping tracks of distractors; None: none.
 
         Raises:
-            InputError: nothing is to be compared, or an object has no identity, or the same one twice in a frame.
+            InputError: nothing can be compared, or an object has no identity, or the same one twice in a frame.
         """
         self._sides, self._config, self._by_number, self._adjust = sides, config, by_number, adjust
         ours, theirs = _Side(cameras=set(cameras), wanted=set(cameras)), _Side()
@@ -471,7 +495,7 @@ class ComparedBoxes:
         }
 
     def _wanted(self) -> Iterator[tuple[Boxes, TruthBoxes]]:
-        """Generate the rows of the selected cameras and frames."""
+        """Generate tracks and truth in chunks, restricted to the selected cameras and frames."""
         for tracks, truth in self._sides():
             if self._config.cameras or self._config.frames is not None:
                 yield tracks.take(asked_for(tracks, self._config)), truth.take(asked_for(truth, self._config))
@@ -479,7 +503,10 @@ class ComparedBoxes:
                 yield tracks, truth
 
     def parts(self) -> Iterator[tuple[list[int], TruthAndTracks]]:
-        """Generate (number of frames of each view before the part, part)."""
+        """Generate the parts of the comparison in the order of time.
+
+        Each comes with the numbers of frames, for each view, before it.
+        """
         begin = [0] * len(self.views)
         for tracks, truth in self._wanted():
             part = boxes_in_true_frames(tracks, truth, self.views, by_number=self._by_number)
@@ -488,7 +515,7 @@ class ComparedBoxes:
             begin = [n + more for n, more in zip(begin, part.frames, strict=True)]
 
     def _disjoint_note(self) -> str:
-        """Explain why no track is in a frame of the truth."""
+        """Return the message that no track is in a frame of the truth, with examples of both."""
         found, true = (_first_of(rows) for rows in zip(*self._wanted(), strict=True))
         if self._by_number:
             return (
@@ -501,7 +528,10 @@ class ComparedBoxes:
         )
 
     def figures(self, take: Callable[[Failures], None] | None = None) -> ImageTrackFigures:
-        """Compare all parts and return the accumulated figures; failures of each part are passed to `take`."""
+        """Compare all parts and return the accumulated figures.
+
+        `take` (if any) is called with the failures of each part.
+        """
         out = ImageTrackFigures(self.views, self.targets, self.tracks, self._config)
         for begin, part in self.parts():
             out.prepare(part, begin)
@@ -512,14 +542,20 @@ class ComparedBoxes:
         return out
 
     def evaluate(self, take: Callable[[Failures], None] | None = None) -> Evaluation:
-        """Return figures, notes and checks of the comparison; failures of each part are passed to `take`."""
+        """Return figures, notes and checks of the comparison.
+
+        `take` (if any) is called with the failures of each part.
+        """
         found = self.figures(take)
         notes = (*skipped_cameras_note(self.left_out), *found.notes())
         metrics = found.result(self.frames, self.counts)
         return Evaluation(metrics, notes=notes, checks=misfit(*self._sampled(), metrics))
 
     def _sampled(self) -> tuple[SampledBoxes, SampledBoxes]:
-        """Boxes from the beginning of both sides, by frame number, or by the truth's time step."""
+        """Return boxes from the beginning of tracks and truth, to search for wrong frame numbers or formats.
+
+        Frames are numbered by frame number, or by rounded multiples of the truth's time step.
+        """
         tracks: list[SampledBoxes] = []
         truth: list[SampledBoxes] = []
         first, step = 0, 0
@@ -535,7 +571,7 @@ class ComparedBoxes:
 
 
 def _first_of(parts: Iterable[Boxes]) -> tuple[str, str]:
-    """Description of the first row with a box, and the numbers of the frames with boxes."""
+    """Return, for a message, camera and time of the first row with a box, and the range of the frames with boxes."""
     rows = [part.take(part.box >= 0) if not isinstance(part, TruthBoxes) else part for part in parts if len(part)]
     rows = [part for part in rows if len(part)]
     low, high = min(int(part.frame.min()) for part in rows), max(int(part.frame.max()) for part in rows)

@@ -39,17 +39,17 @@ from .figures import of_view
 class TruthAndTracks(NamedTuple):
     """Truth and tracks in the frames of the truth.
 
-    A camera is a view, numbered in the order of names; `frame` of the objects counts the true
-    frames of its view in the order of time.
+    Each camera is a view, numbered in the order of names; `frame` of the objects is the index among the true frames of
+    its view, in the order of time.
 
     Attributes:
         views: names of the cameras.
-        truth: true objects; positions are boxes.
+        truth: true objects; positions are boxes (left, top, width, height) [px].
         tracks: estimated objects; positions are boxes.
-        visible: (n,) visible share of each true object; NaN: not known.
-        t_ns: for each view the times of its frames.
+        visible: (n,) visible share of each true object, 0 to 1; NaN: not known.
+        t_ns: for each view the times of its frames [ns].
         number: for each view the numbers of its frames in the camera's stream.
-        counts: compared and skipped rows.
+        counts: numbers of compared and skipped rows by name.
     """
 
     views: tuple[str, ...]
@@ -74,13 +74,13 @@ def box_edges(boxes: Boxes) -> Floats:
 def boxes_in_true_frames(
     tracks: Boxes, truth: TruthBoxes, views: tuple[str, ...], *, by_number: bool = False
 ) -> TruthAndTracks:
-    """Select tracks and truth in the frames that the truth has, including frames known to be empty, of one part.
+    """Select the rows of tracks and truth in the frames that the truth has, including frames known to be empty.
 
     Args:
         tracks: boxes with identities; `boxes_of_ellipses` makes them of ellipses.
         truth: true boxes with identities.
-        views: cameras that are compared, of which some may be missing in this part.
-        by_number: frames are the same when camera and number are; otherwise when camera and time are.
+        views: names of the cameras that are compared; some may be missing in these rows.
+        by_number: frames are equal if camera and frame number are; otherwise if camera and time are.
 
     Raises:
         InputError: an object has no identity, or the same one twice in a frame.
@@ -122,10 +122,12 @@ def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
 
 
 def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the common cameras of tracks (`ours`) and truth (`theirs`), and those of the truth without tracks.
+    """Return the cameras of both tracks (`ours`) and truth (`theirs`), and those of the truth without tracks.
+
+    All sorted. If the tracks have no camera at all, every camera of the truth is compared.
 
     Raises:
-        InputError: the truth has no camera, or the tracks have others than the truth.
+        InputError: the truth has no camera, or both have none in common.
     """
     tracked, true = sorted(ours), sorted(theirs)
     if not true:
@@ -158,12 +160,14 @@ def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[In
 
 
 def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -> tuple[Ints, Ints]:
-    """Return the view (n,) of each row, and the index (n,) of its frame among the true frames; -1: in none.
+    """Return the index of the view (n,) of each row, and the index (n,) of its frame among the true frames.
+
+    -1: in none.
 
     Args:
         boxes: n rows.
         views: names of the cameras.
-        keys: sorted keys of the true frames, by view.
+        keys: sorted keys (times or numbers) of the true frames, for each view.
         key: column that identifies a frame, `t_ns` or `frame`.
     """
     view, cell = np.zeros(len(boxes), dtype=np.int64), np.full(len(boxes), -1, dtype=np.int64)
@@ -179,7 +183,7 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
 
 
 def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
-    """InputError for a row without identity, or with one that another row of its frame has.
+    """Raise InputError for a row without identity, or with one that another row of its frame has.
 
     Args:
         what: `truth` or `tracks`, for the message.
@@ -202,7 +206,7 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
 
 
 def joined(parts: Sequence[TruthAndTracks]) -> TruthAndTracks:
-    """Concatenate parts of a recording in the order of time."""
+    """Concatenate one or more parts of a comparison, in the order of time; frames are renumbered."""
     begin = np.zeros(len(parts[0].views), dtype=np.int64)
     truth, tracks = list[Objects](), list[Objects]()
     for part in parts:
@@ -222,7 +226,7 @@ def joined(parts: Sequence[TruthAndTracks]) -> TruthAndTracks:
 
 
 def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:
-    """True boxes and tracks of one view, in the compared frames."""
+    """Return true boxes and tracks of the view with the index `view` as tables, in the compared frames."""
     t_ns, number, name = compared.t_ns[view], compared.number[view], compared.views[view]
     return (
         TruthBoxes.of(**_columns(of_view(compared.truth, view), t_ns, number, name)),
@@ -248,13 +252,16 @@ def _columns(side: Objects, t_ns: Ints, number: Ints, name: str) -> dict[str, ob
 
 
 def frame_rate(compared: TruthAndTracks, view: int) -> float:
-    """Frame rate of a view [Hz], by the median interval; 1 for a single frame."""
+    """Return the frame rate [Hz] of the view with the index `view`, by the median interval; 1 for a single frame."""
     steps = np.diff(compared.t_ns[view]) / np.maximum(np.diff(compared.number[view]), 1)
     return float(NS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0
 
 
 def image_size(compared: TruthAndTracks, view: int) -> tuple[int, int]:
-    """Width and height that hold the true boxes of a view; at least 1 x 1."""
+    """Return width and height [px] of the smallest image from (0, 0) that holds the true boxes of a view.
+
+    At least 1 x 1.
+    """
     position: Floats = of_view(compared.truth, view).position
     if not len(position):
         return 1, 1
@@ -273,7 +280,7 @@ SAME_RATE = 0.01
 
 
 def annotation_format(path: Path) -> str | None:
-    """Annotation tool format of a file; None for others."""
+    """Return the name of the annotation tool's format (`xml`, `vatic` or `kitti`) of a file; None for others."""
     if not path.is_file() or not path.stat().st_size or open_if_ours(path) is not None:
         return None
     try:
@@ -283,16 +290,16 @@ def annotation_format(path: Path) -> str | None:
 
 
 def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfig) -> TruthBoxes:
-    """Read all true boxes of a file, including frames that are not compared.
+    """Read the true boxes of an annotation tool's file.
 
     Args:
         path: the file.
-        name: of its format.
+        name: name of its format.
         camera: camera of the boxes.
-        config: frame rate and number of frame 0.
+        config: frame rate, number of frame 0, and range of frames.
 
     Raises:
-        InputError: the file is damaged, or its numbers of frames are too large.
+        InputError: the file is damaged or has no boxes, or its frame numbers are too large.
     """
     how = TruthOptions(
         format=name,
@@ -310,24 +317,26 @@ def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfi
 
 
 def frame_times(config: MultiTargetConfig) -> FrameTimes:
-    """Frame times by the given rate, or 25 Hz by default."""
+    """Return the times of numbered frames: by the frame rate in the settings, or by 25 Hz."""
     rate = RATE if config.fps is None else config.fps
     return rate_times(as_rate(rate), "assumed" if config.fps is None else "given")
 
 
 def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTargetConfig, path: Path) -> TruthBoxes:
-    """Truth with the times that its frames have in the tracks; other frames are interpolated and extrapolated evenly.
+    """Return the truth with the times that its frames have in the tracks.
+
+    Times of frames that the tracks lack are interpolated and extrapolated evenly.
 
     Args:
-        truth: true boxes of a file without times.
+        truth: true boxes of a file with frame numbers and no times.
         tracks: a table, which has times.
         camera: camera of the rows.
         config: the frame rate, if it is given.
-        path: of the truth, for messages.
+        path: path of the truth, for messages.
 
     Raises:
         UsageError: the given frame rate is not that of the tracks.
-        InputError: a number of a frame is too large.
+        InputError: a frame number is too large.
     """
     own = tracks.take(tracks.sensor == camera)
     frame, row = np.unique(own.frame, return_index=True)
@@ -350,13 +359,13 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
 
 
 def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetConfig) -> None:
-    """UsageError for a frame rate or first number that the truth file does not need.
+    """Raise UsageError for a frame rate or first frame number that the truth file does not need.
 
     Args:
         path: the file.
-        name: as `annotation_format` states.
-        text: it is MOTChallenge text.
-        config: as given.
+        name: its annotation format (see `annotation_format`); None: another file.
+        text: whether it is MOTChallenge text.
+        config: the settings given.
     """
     if config.fps is not None and name is None and not text:
         raise UsageError(
@@ -374,15 +383,15 @@ IOU_THRESHOLD = 0.5
 
 
 def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, ...]) -> TruthAndTracks:
-    """Truth that counts, and tracks that are not of distractors.
+    """Drop true boxes that do not count and tracks of distractors, as in MOTChallenge and TrackEval.
 
     In each frame tracks are paired one to one with all true boxes, of any class and mark, to maximise the sum of
-    overlaps of at least one half; a track paired with a distractor is dropped.
+    overlaps (IoU) of at least one half; a track paired with a distractor is dropped.
 
     Args:
         compared: truth and tracks of one view, with every row of the truth.
-        marks: what the truth states about its boxes.
-        distractors: classes of distractors.
+        marks: class and mark of each true box.
+        distractors: class numbers of distractors.
 
     Raises:
         KeyError: a true box has no mark.
@@ -403,7 +412,10 @@ def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, 
 
 
 def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
-    """Return the mask (m,) of tracks that are paired, one to one by overlap, with a true box in `distractor` (n,)."""
+    """Return the mask (m,) of tracks' boxes that are paired with a true box that is in the mask `distractor` (n,).
+
+    Pairs are one to one in each frame, by overlap.
+    """
     truth, tracks = _by_frame(compared.truth), _by_frame(compared.tracks)
     out = np.zeros(len(compared.tracks.frame), dtype=np.bool_)
     for frame, ours in tracks.items():
@@ -419,7 +431,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
 
 
 def _by_frame(side: Objects) -> dict[int, Ints]:
-    """Return the rows of each frame by its number, sorted by label."""
+    """Return the indices of the rows of each frame, by its number, sorted by identity."""
     order = np.lexsort((side.label, side.frame))
     frames, first = np.unique(side.frame[order], return_index=True)
     return dict(zip(frames.tolist(), np.split(order, first)[1:], strict=True))

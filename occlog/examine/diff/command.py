@@ -100,8 +100,8 @@ def make_tolerances(
     """Return the tolerances that the options state; UsageError for invalid ones.
 
     Args:
-        rtol: relative tolerance of floats.
-        atol: absolute tolerance of floats.
+        rtol: relative tolerance of fractional numbers.
+        atol: absolute tolerance of fractional numbers.
         tol: texts `COLUMN=ATOL[:RTOL]`.
         tol_unit: texts `UNIT=ATOL[:RTOL]`, for all columns in that unit.
         time_tol: largest difference in time of paired rows, with its unit, for example `20ms`.

@@ -20,16 +20,16 @@ def diff_json(
 ) -> DiffResult:
     """Compare two JSON values, in the order of A's keys.
 
-    Fractional numbers are compared with the tolerances (their last key is the column);
-    two whole numbers, text, truth values and null must be equal.  Unless `provenance` is
-    set, keys of objects that begin with `_`, and `provenance`, are skipped.
+    Fractional numbers are compared with the tolerances (by the last key of their path); whole numbers, text, truth
+    values and null must be equal. Unless `provenance` is set, keys of objects that begin with `_`, and `provenance`,
+    are skipped.
 
     Args:
-        name: of the file.
+        name: name of the file, in the result.
         a: value of the first file.
         b: value of the second file.
-        tolerances: limits of differences of numbers.
-        provenance: true: entries that state how the files were made count too.
+        tolerances: limits of differences of numbers; None: defaults.
+        provenance: whether entries that state how the files were made are compared too.
     """
     limits = tolerances or Tolerances()
     counts = {"both": 0, "missing": 0, "added": 0}
@@ -65,14 +65,14 @@ _ABSENT = object()
 
 
 class _JsonWalk(NamedTuple):
-    """Recursive comparison of two JSON values, with tolerances, and with or without their provenance."""
+    """Recursive comparison of two JSON values: name of the file, tolerances, and whether provenance is compared."""
 
     name: str
     limits: Tolerances
     provenance: bool
 
     def values(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
-        """Generate a difference, or `both`, for every value that is not a container.
+        """Generate, for every value that is not a container, a difference, or `both` if it is equal in both files.
 
         Args:
             path: position of both values in the file, as `tracks[0].x`; empty for the whole file.
@@ -93,10 +93,10 @@ class _JsonWalk(NamedTuple):
             yield self._value(path or "value", key, a, b)
 
     def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
-        """Generate the differences of an entry of a container, which may be missing (`_ABSENT`) in one file.
+        """Generate the comparison of an entry of an object or list, which may be missing (`_ABSENT`) in one file.
 
         Args:
-            path: position of the entry in the file.
+            path: position of the entry in the file, as `tracks[0].x`.
             key: last key of an object on the path.
             a: value of the first file.
             b: value of the second file.
@@ -149,16 +149,16 @@ def _is_list(value: object) -> TypeGuard[Sequence[object]]:
 
 
 def _short(value: object) -> Scalar:
-    """Return a short description of a list or object; other values as they are."""
+    """Return a description of a list or object, such as `a list of 3 entries`; other values unchanged."""
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
 
 
 def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
-    """Compare the stored verdicts of the stages that the files `a` and `b` both have.
+    """Compare the stored consistency verdicts of the stages that both files have; empty if they agree, else one result.
 
-    `name`: of the files in the result. One difference, or an empty list if they agree.
+    `name`: name of the files in the result.
     """
     from occlog.io.files.inputs import verdicts_of_file
 
@@ -178,7 +178,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
 
 
 def compare_provenance(name: str, a: object, b: object) -> DiffResult:
-    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: of the files in the result."""
+    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: name of the files in the result."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
@@ -192,7 +192,8 @@ YAML = (".yaml", ".yml")
 def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> DiffResult:
     """Compare two files of one kind: YAML by value, report pages up to the last digit of decimals, others by byte.
 
-    `name`: of the files in the result; YAML is recognised by its ending.
+    `name`: name of the files in the result; YAML is recognised by its ending. Provenance in pages and pictures is
+    skipped unless the settings compare it.
     """
     data_a, data_b = (content(path, settings) for path in (a, b))
     if data_a != data_b and name.lower().endswith(YAML):
@@ -208,7 +209,7 @@ FRACTION = re.compile(rb"-?\d+\.\d+(?:[eE][-+]?\d+)?")
 
 
 def _same_pages(a: bytes, b: bytes) -> bool:
-    """Whether report pages are equal up to one unit in the last digit of decimal numbers.
+    """Return whether report pages are equal up to one unit in the last digit of decimal numbers.
 
     Rounding of displayed numbers depends on the processor.
     """
@@ -225,9 +226,9 @@ def _same_pages(a: bytes, b: bytes) -> bool:
 
 
 def content(path: Path, settings: DiffSettings) -> bytes:
-    """Return the bytes of a file; of a page or picture without provenance, unless the settings compare it.
+    """Return the bytes of a file; InputError if it cannot be read.
 
-    InputError if it cannot be read.
+    Without the provenance in pages (footers) and pictures (text entries), unless the settings compare it.
     """
     try:
         data = path.read_bytes()
@@ -264,7 +265,7 @@ def _without_texts(png: bytes) -> bytes:
 def values_in(name: str, data: bytes) -> object:
     """Return the values of YAML, the lines of text, or the SHA-256 of any other content.
 
-    `name`: of the file; YAML is recognised by its ending.
+    `name`: name of the file; YAML is recognised by its ending.
     """
     from occlog.io.files.texts.yaml import parse_yaml
 
@@ -280,7 +281,7 @@ def values_in(name: str, data: bytes) -> object:
 def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
     """Compare the contents `a` and `b` byte by byte; the first difference is located by byte, in text also by line.
 
-    `name`: of the files in the result.
+    `name`: name of the files in the result.
     """
     if a == b:
         return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))

@@ -24,7 +24,7 @@ ROWS = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMessages(ColumnTable):
-    """Frames of a recording and external messages, one per row; for comparison only."""
+    """Frames and other messages of a recording that are no table rows, one per row, with hashes, to compare."""
 
     NAME: ClassVar[str] = "messages"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "topic")
@@ -35,14 +35,15 @@ class RecordedMessages(ColumnTable):
     content: Strings = column("U", "1", "SHA-256 of the content")
 
     def check(self) -> None:
-        """Raise ValueError where times are not in order."""
+        """Raise ValueError if times are not in order."""
         check_order(self)
 
 
 def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare two recordings: attachments, frames, each table, verdicts and, if the settings say so, provenance.
+    """Compare two recordings; return a result for each part that one of them has.
 
-    `name`: of the files in the results. A result for each part that one of them has.
+    Parts are attachments, frames, each table, verdicts and, if the settings say so, provenance. `name`: name of the
+    files in the results.
     """
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
@@ -66,7 +67,7 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
 def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> DiffResult:
     """Compare attachments by content (YAML by value, text by line, others by hash), and linked videos.
 
-    `name`: of the files in the result.
+    `name`: name of the files in the result.
     """
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
@@ -81,7 +82,10 @@ def _attached(recording: McapRecording) -> dict[str, object]:
 
 
 def _frames(recording: McapRecording, settings: DiffSettings) -> Iterator[RecordedMessages]:
-    """Hashes of everything in a recording that is not a table row: frames, and external messages."""
+    """Generate hashes of everything in a recording that is not a table row: frames, and external messages, in chunks.
+
+    Frames are hashed as encoded, or by their pixels if the settings say so.
+    """
     ours = {schema_of(table) for table in RECORDED}
     topics = [t.name for t in recording.topics if t.schema not in ours]
     if not topics:
@@ -105,7 +109,7 @@ def _decoded(recording: McapRecording) -> Iterator[tuple[int, str, int, str]]:
 
 
 def _collected(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
-    """Collect messages (time, topic, number, hash) in tables of up to `ROWS` rows, and generate these."""
+    """Generate tables of up to `ROWS` rows from messages (time [ns], topic, number, hash)."""
     pending: list[tuple[int, str, int, str]] = []
     for message in messages:
         pending.append(message)

@@ -21,7 +21,7 @@ MAX_SCHEMA_LINES = 12
 
 @dataclass(frozen=True)
 class Limit:
-    """Tolerance: two numbers are equal if |a - b| <= atol + rtol max(|a|, |b|)."""
+    """Tolerance of a number: a and b are equal if |a - b| <= atol + rtol max(|a|, |b|)."""
 
     atol: float = 0.0
     rtol: float = 0.0
@@ -32,10 +32,10 @@ class Tolerances:
     """Tolerances of a comparison; integers and labels are compared exactly unless their column is named.
 
     Attributes:
-        default: for every fractional number that no other entry names.
-        columns: by `column` or `table.column` (or the last key of a JSON path).
-        units: by unit, e.g. `rad` or `m`; those of lengths hold for tables in any unit with known length.
-        time_ns: rows with times that differ by at most this are the same row.
+        default: tolerance of every fractional number that no other entry names.
+        columns: tolerances by `column` or `table.column` (or the last key of a JSON path).
+        units: tolerances by unit, e.g. `rad` or `m`; those of lengths are converted for tables in other length units.
+        time_ns: rows with times that differ by at most this are the same row [ns].
     """
 
     default: Limit = Limit(rtol=RTOL)
@@ -44,17 +44,17 @@ class Tolerances:
     time_ns: int = 0
 
     def named(self, table: str, column: str) -> Limit | None:
-        """Return the tolerance given for a column by name, or by `table.column`; None without one."""
+        """Return the tolerance given for a column by `table.column` or its name; None without one."""
         return self.columns.get(f"{table}.{column}", self.columns.get(column))
 
     def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:
-        """Return the tolerance of a column of floats: as stated for it or its unit, else the default.
+        """Return the tolerance of a column of floats: as given for it or its unit, else the default.
 
         Args:
             table: name of the table.
             column: name of the column.
-            unit: of the column.
-            single: the column is of 4-byte floats, with their own default relative tolerance.
+            unit: unit of the column.
+            single: whether the column has 4-byte floats, for which the default relative tolerance is larger.
         """
         limit = self.named(table, column) or self.units.get(unit)
         if limit is not None:
@@ -70,9 +70,9 @@ class DiffSettings:
 
     Attributes:
         tolerances: limits of differences.
-        provenance: true: how outputs were made counts too.
-        pixels: true: frames are compared by their pixels, false: by their encoded bytes.
-        exclude: patterns of files that are skipped.
+        provenance: whether the statements of how outputs were made are compared too.
+        pixels: whether frames are compared by their pixels, else by their encoded bytes.
+        exclude: glob patterns of files that are skipped.
     """
 
     tolerances: Tolerances
@@ -83,7 +83,7 @@ class DiffSettings:
 
 @dataclass(frozen=True)
 class RowDifference:
-    """A row, value or content that is not the same in A and B.
+    """A row, value or content that differs between A and B.
 
     Attributes:
         kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
@@ -91,9 +91,9 @@ class RowDifference:
         key: key of the row, by column.
         column: column of the value, empty for whole rows.
         a, b: both values; None if missing.
-        difference: |a - b| where both are numbers; NaN where one of them is NaN.
-        limit: largest difference that counts as the same.
-        unit: of both values.
+        difference: |a - b| of numbers; NaN if one of them is NaN; None: no numbers.
+        limit: largest difference that counts as equal.
+        unit: unit of both values.
     """
 
     kind: str
@@ -118,7 +118,7 @@ class RowDifference:
 
 @dataclass(frozen=True)
 class ColumnDifference:
-    """Number of rows in which a column differs, and the largest difference."""
+    """A column that differs: number of rows in which it does, and the largest difference."""
 
     rows: int
     largest: RowDifference
@@ -133,14 +133,14 @@ class DiffResult:
     """Result of comparing two tables, JSON values or files.
 
     Attributes:
-        name: of the table or file.
+        name: name of the table or file.
         what: unit of the counts: `rows`, `values`, `bytes` or `files`.
-        count_a, count_b: their number in each.
+        count_a, count_b: number in each.
         matched: number in both.
         missing, added: number only in A, only in B.
         columns: columns that differ, in the order of the table.
-        schema: differences of the declaration: columns, types, units, versions.
-        first: the first difference, in the order of time; None if missing.
+        schema: differences of the declarations: columns, types, units, versions.
+        first: the first difference, in the order of time; None: no difference.
     """
 
     name: str
@@ -174,7 +174,7 @@ class DiffResult:
 
 
 def as_dict(found: Sequence[DiffResult]) -> dict[str, object]:
-    """Return all comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
+    """Return all comparisons as plain values for JSON; `first` is that of the first part that differs."""
     different = [part for part in found if not part.same]
     return {
         "same": not different,
@@ -189,7 +189,7 @@ def _first(part: DiffResult) -> dict[str, object]:
 
 
 def report_lines(found: Sequence[DiffResult]) -> list[str]:
-    """Return all comparisons as lines of text, with the part that differs first at the end."""
+    """Return all comparisons as lines of text, with a summary at the end."""
     different = [part for part in found if not part.same]
     lines = [line for part in found for line in comparison_lines(part)]
     if not found:
@@ -201,7 +201,7 @@ def report_lines(found: Sequence[DiffResult]) -> list[str]:
 
 
 def comparison_lines(found: DiffResult) -> list[str]:
-    """Return lines on what two tables or files have in common, and on the first and largest differences."""
+    """Return lines of text on one comparison: counts, differences of declarations, first and largest differences."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
     if found.what == "files":
@@ -242,7 +242,7 @@ def _schema(found: RowDifference) -> str:
 
 
 def difference_words(found: RowDifference) -> str:
-    """Return one difference as text: position, both values, distance and limit."""
+    """Return one difference as text: position, both values, their distance and the limit."""
     location = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
@@ -275,7 +275,7 @@ def _most(found: RowDifference) -> str:
 
 
 def _key(key: Mapping[str, object]) -> str:
-    """Return the key of a row as text: `time 2023-11-14T22:13:20.000Z, sensor cam1`; of JSON the path."""
+    """Return the key of a row as text, as `time 2023-11-14T22:13:20.000Z, sensor cam1`; of JSON the path."""
     if "path" in key:
         return str(key["path"])
     return ", ".join(_key_part(name, value) for name, value in key.items()) or "the row"

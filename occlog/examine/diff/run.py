@@ -67,7 +67,7 @@ def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
 
 
 def kind_of(path: Path) -> Content | str:
-    """Kind of a file by its content, or by its suffix if it has no signature (text and others)."""
+    """Return the kind of a file by its first bytes, or its ending if these are no known signature (text and others)."""
     content = content_of(path) if path.stat().st_size else Content.OTHER
     suffix = path.suffix.lower()
     return NAMED.get(suffix, suffix) if content is Content.OTHER else content
@@ -97,7 +97,7 @@ def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[DiffResul
 
 
 def _files(folder: Path, settings: DiffSettings) -> set[str]:
-    """Relative names of a folder's files, without hidden and excluded ones."""
+    """Return the relative names of a folder's files, at any depth, without hidden and excluded ones."""
     found = (p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     names = {str(p.as_posix()) for p in found if not any(part.startswith(".") for part in p.parts)}
     skipped = settings.exclude if settings.provenance else (*settings.exclude, RUN_STATE)
@@ -111,7 +111,7 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
 def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two files by their kind; those of different kinds byte by byte.
 
-    `name`: of the files in the results, of which recordings have several.
+    `name`: name of the files in the results, of which recordings have several.
     """
     kind, other = kind_of(a), kind_of(b)
     found = _as_tables(a, b, name, settings, kind, other)
@@ -133,15 +133,15 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[D
 def _as_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *kinds: Content | str, alone: bool = False
 ) -> list[DiffResult] | None:
-    """Compare two files as tables; None if their `kinds` are not those of tables.
+    """Compare two files as tables; None if they are no tables.
 
     Args:
         a: first file.
         b: second file.
-        name: of the files in the results.
+        name: name of the files in the results.
         settings: tolerances, provenance.
-        kinds: content of each file.
-        alone: the files are not of a folder, so that tolerances of columns they do not have are an error.
+        kinds: kind of each file (see `kind_of`).
+        alone: whether these two files are all that is compared, so that tolerances of columns they lack are an error.
     """
     if not all(kind is Content.TABLE or kind in OTHERS for kind in kinds):
         return None

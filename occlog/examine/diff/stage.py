@@ -27,7 +27,8 @@ T = TypeVar("T", bound=ColumnTable)
 class Join(NamedTuple):
     """Joined rows of tables A and B, and rows without a counterpart.
 
-    `rank_a` and `rank_b` are ranks of the rows' keys over both tables.
+    `a`, `b`: (M,) rows of A by rising key, and their partners in B; `only_a`, `only_b`: rows without a partner, by
+    rising key; `rank_a` (N_a,), `rank_b` (N_b,): ranks of the rows' keys over both tables.
     """
 
     a: Ints  # (M,) rows of A, by rising key
@@ -39,10 +40,10 @@ class Join(NamedTuple):
 
 
 def join(a: T, b: T, time_ns: int = 0) -> Join:
-    """Join two tables of one kind.
+    """Join two tables of one type by their keys.
 
-    Rows with the same key are paired in order. With `time_ns` > 0, each remaining row is paired with the nearest row in
-    time, at most this far away, with the same other key columns.
+    Rows with equal keys are paired in order. With `time_ns` > 0, each remaining row is paired with the nearest row in
+    time, at most this far away [ns], that has the same other key columns.
     """
     rank_a, rank_b = _ranks(a, b, type(a).KEY)
     unique_a, unique_b = _numbered(rank_a, rank_b)
@@ -64,9 +65,9 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
 
 
 def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints, Ints]:
-    """Return the rank of each row's key, the columns `names`, among the keys of both tables.
+    """Return the rank of each row's key, i.e. the columns `names`, among the keys of both tables: (len(a),), (len(b),).
 
-    Equal keys have equal ranks. Arrays (len(a),) and (len(b),).
+    Equal keys have equal ranks.
     """
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
@@ -78,14 +79,17 @@ def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints
 
 
 def _numbered(rank_a: Ints, rank_b: Ints) -> tuple[Ints, Ints]:
-    """Return ranks (n,) and (m,) of rows that also distinguish equal ranks within a table, by their order."""
+    """Return numbers (n,) and (m,) of rows in the order of their ranks, distinct also for equal ranks within a table.
+
+    The first rows with a rank have equal numbers in both tables, then the second ones, and so on.
+    """
     number_a, number_b = _occurrence(rank_a), _occurrence(rank_b)
     most = int(max(number_a.max(initial=0), number_b.max(initial=0))) + 1
     return rank_a * most + number_a, rank_b * most + number_b
 
 
 def _occurrence(rank: Ints) -> Ints:
-    """Return for each value of `rank` (n,) the number of equal ones before it."""
+    """Return for each value of `rank` (n,) the number of equal values before it (n,)."""
     order = np.argsort(rank, kind="stable")
     ordered = rank[order]
     start = np.flatnonzero(np.concatenate([[True], np.diff(ordered) != 0])) if len(rank) else np.empty(0, np.int64)
@@ -102,13 +106,13 @@ def _others(rows: Ints, n: int) -> Ints:
 
 
 def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Pair rows that are nearest in time to each other, within groups of otherwise equal keys.
+    """Pair rows that are mutually nearest in time, within groups of otherwise equal keys.
 
     Args:
         a: first table.
         b: second table.
         rows_a: rows of `a` that have no partner yet.
-        rows_b: likewise of `b`.
+        rows_b: rows of `b` that have no partner yet.
         time_ns: largest difference in time [ns].
 
     Returns:
@@ -127,9 +131,10 @@ def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns
 
 
 def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Return the indices of pairs of the times `t_a` and `t_b` [ns] that differ by at most `time_ns`.
+    """Pair times `t_a` (n,) and `t_b` (m,) [ns] that differ by at most `time_ns`.
 
-    Pairs are mutual nearest neighbours, found repeatedly among the times that are left.
+    Return the indices into both, (k,) each. Pairs are mutual nearest neighbours, found repeatedly among the times that
+    are left.
     """
     left_a, left_b = np.argsort(t_a, kind="stable"), np.argsort(t_b, kind="stable")
     pairs_a, pairs_b = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
@@ -148,7 +153,7 @@ def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
 
 
 def _closest(t: Ints, known: Ints) -> Ints:
-    """Return the index of the nearest of the sorted times `known` for each of `t`; the earlier of two equally near."""
+    """Return for each of `t` (n,) the index of the nearest of the sorted times `known` (m,); of two, the earlier."""
     after = np.minimum(np.searchsorted(known, t), len(known) - 1)
     before = np.maximum(after - 1, 0)
     chosen = np.where(np.abs(known[after] - t) < np.abs(t - known[before]), after, before)
@@ -160,7 +165,11 @@ TURN = 2.0 * np.pi
 
 
 class Values(NamedTuple):
-    """Comparison of a column over M joined rows; for list columns, of the worst entry in each row."""
+    """Comparison of a column over M joined rows; for list columns, of the worst entry in each row.
+
+    `differ`: (M,) mask; `difference`: (M,) |a - b|, NaN for labels and if only one value is NaN; `limit`: (M,) largest
+    difference that counts as equal; `entry`: (M,) index of the worst entry of a list column.
+    """
 
     differ: Bools  # (M,)
     difference: Floats  # (M,) |a - b|; NaN for labels and where just one is NaN
@@ -169,24 +178,24 @@ class Values(NamedTuple):
 
 
 def is_angle(c: Column) -> bool:
-    """Whether a column is an angle compared modulo a full turn (standard deviations are not)."""
+    """Return whether a column is an angle [rad], to be compared modulo a full turn; standard deviations are not."""
     return c.unit == "rad" and not c.name.startswith(("sigma", "sd_"))
 
 
 def compare_values(
     a: NDArray[np.generic], b: NDArray[np.generic], c: Column, table: str, tolerances: Tolerances
 ) -> Values:
-    """Compare two columns of equal length.
+    """Compare two columns of equal length, row by row.
 
-    Labels, truth values and whole numbers must be equal, the latter within the limit if
-    the column is named in the tolerances.  NaN equals NaN; an infinity only itself.
+    Labels, truth values and whole numbers must be equal, the latter within the limit if the column is named in the
+    tolerances. NaN equals NaN; an infinity equals only itself.
 
     Args:
         a: values of the first table.
         b: values of the second table.
         c: declaration of the column.
         table: name of the table, by which the column has its tolerance.
-        tolerances: of all columns.
+        tolerances: tolerances of all columns.
     """
     if c.kind in ("U", "?"):
         nothing = np.full(len(a), np.nan)
@@ -220,12 +229,12 @@ def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools,
 
 
 def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
-    """Return the entry of each row with the largest difference; entries that differ have priority.
+    """Return for each row the entry with the largest difference; entries that differ have priority.
 
     Args:
         differ: (n,) or (n, k) mask of entries that differ.
-        difference: of each entry, likewise.
-        allowed: limit of each entry, likewise.
+        difference: of each entry, in that shape.
+        allowed: limit of each entry, in that shape.
     """
     if differ.ndim == 1:
         return Values(differ, difference, allowed, np.zeros(len(differ), np.int64))
@@ -247,7 +256,7 @@ def _similar(
 
 
 def _take_before(side: TableBuffer[T], cut: int) -> T:
-    """Remove the rows before the time `cut` [ns] from the buffer `side`, in place, and return them."""
+    """Remove the rows before the time `cut` [ns] from the buffer, in place, and return them."""
     out = side.between(FIRST, cut)
     side.rows = side.rows.take(slice(len(out), None))
     return out
@@ -257,11 +266,10 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
     """Generate parts of both tables that cover the same time.
 
     Args:
-        kind: the table.
-        a: chunks of the first table in the order of time; a time may be split over two chunks.
-        b: chunks of the second table, likewise.
-        slack_ns: rows up to this far apart are kept in the same piece, whichever table
-            they are in.
+        kind: type of both tables.
+        a: chunks of the first table in the order of time; rows of one time may be in two chunks.
+        b: chunks of the second table, in the order of time.
+        slack_ns: rows up to this far apart [ns] are kept in one part, whichever table they are in.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -281,11 +289,11 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
 
 
 def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
-    """Return the latest time up to `until` before which a part may end: after a pause longer than the slack.
+    """Return the latest time [ns], up to `until`, before which a part may end: after a pause longer than the slack.
 
     Args:
         t_a: times of the buffered rows of the first table [ns].
-        t_b: of the second table.
+        t_b: times of the buffered rows of the second table [ns].
         until: time up to which both are known [ns].
         slack_ns: largest difference in time of a pair [ns].
     """
@@ -305,18 +313,17 @@ def diff_tables(
     only: frozenset[str] | None = None,
     length_unit: str = "m",
 ) -> DiffResult:
-    """Compare two tables of one kind, given in chunks ordered by time.
+    """Compare two tables of one type, given in chunks in the order of time, in bounded memory.
 
-    Rows are joined by the table's key (see `join`); columns of joined rows are compared by
-    `compare_values`.  Memory does not grow with the length of the tables.
+    Rows are joined by the table's key (see `join`); columns of joined rows are compared by `compare_values`.
 
     Args:
-        kind: the table.
+        kind: type of both tables.
         a: chunks of the first table.
         b: chunks of the second table.
-        tolerances: limits of differences.
-        only: columns that are compared; None: all.
-        length_unit: of both tables; empty: they have different ones.
+        tolerances: limits of differences; None: defaults.
+        only: names of the columns to compare; None: all.
+        length_unit: unit of both tables; empty: they have different ones.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -330,9 +337,9 @@ def diff_tables(
 
 
 def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
-    """Tolerances of lengths under the units of both tables' columns (m means any length unit).
+    """Return the tolerances with those of lengths converted to the length unit of both tables.
 
-    `length_unit` is empty if the tables have two: then no tolerance of a length applies.
+    `length_unit`: empty if the tables have two, so that no tolerance of a length applies.
     """
     units = {unit: limit for unit, limit in tolerances.units.items() if unit not in LENGTHS}
     for unit, power in LENGTHS.items():
@@ -348,7 +355,20 @@ def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
 
 @dataclass
 class _Tally:
-    """Accumulated comparison of two tables: counts of rows, and by column the rows that differ, and the worst one."""
+    """Accumulated comparison of two tables A and B.
+
+    Attributes:
+        kind: class of both tables.
+        tolerances: tolerances of all columns.
+        compared: declarations of the compared columns.
+        length_unit: unit of lengths in both tables; empty: different units.
+        rows_a, rows_b: numbers of rows.
+        matched: number of paired rows.
+        missing, added: numbers of rows in A only and in B only.
+        first: first difference in the order of rows; None: none.
+        rows: number of rows that differ, by column.
+        largest: largest difference, by column.
+    """
 
     kind: type[ColumnTable]
     tolerances: Tolerances
@@ -364,7 +384,7 @@ class _Tally:
     largest: dict[str, RowDifference] = field(default_factory=dict)
 
     def add(self, a: ColumnTable, b: ColumnTable) -> None:
-        """Compare the rows of both tables in one part, which is later than all parts before it."""
+        """Compare the rows of both tables in one part of the time, which follows all parts before it."""
         found = join(a, b, self.tolerances.time_ns)
         self.rows_a += len(a)
         self.rows_b += len(b)
@@ -379,9 +399,9 @@ class _Tally:
             self.first = min(firsts, key=lambda item: item[0])[1]
 
     def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """Return the first row that is only in `a` and the first that is only in `b`, as (rank, difference).
+        """Return the first row that is only in `a`, and the first that is only in `b`, as (rank, difference).
 
-        `found`: how the rows are paired.
+        Missing: none. `found`: how the rows are paired.
         """
         out = []
         for kind, table, rows, rank in (
@@ -394,9 +414,15 @@ class _Tally:
         return out
 
     def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """Count the paired rows in which column `c` differs; return the first difference of the part with its rank.
+        """Count the paired rows in which the column differs; return (rank, difference) of the first.
 
-        Empty if none differs. `found`: how the rows are paired.
+        Empty if none differs.
+
+        Args:
+            c: declaration of the column.
+            a: part of the first table.
+            b: part of the second table.
+            found: pairs of row indices of the two parts.
         """
         values_a, values_b = _similar(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
@@ -442,7 +468,10 @@ class _Tally:
         )
 
     def _unit(self, c: Column) -> str:
-        """Return the unit of a column for messages; empty without a unit, or with different ones."""
+        """Return the unit of a column for messages.
+
+        Empty without a unit, or if the tables have different length units.
+        """
         if c.unit == "1" or (c.unit in LENGTHS and not self.length_unit):
             return ""
         return in_length_unit(c.unit, self.length_unit)
@@ -473,13 +502,13 @@ def _key(table: ColumnTable, row: int) -> dict[str, object]:
 
 
 def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[RowDifference, ...]:
-    """Compare the declarations of two tables.
+    """Compare the declarations of two tables: name, version, length unit, and columns with types and units.
 
     Args:
-        name: of the table or file.
-        a: `schema` (name), `version`, `length_unit` and `columns`, a list of mappings with
-            `name`, `type` and `unit`; other entries are not compared.
-        b: the same of the second table.
+        name: name of the table or file.
+        a: `schema` (name), `version`, `length_unit` and `columns`, a list of mappings with `name`, `type` and `unit`;
+            other entries are not compared.
+        b: declaration of the second table, with the same entries.
     """
     out = [
         RowDifference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))

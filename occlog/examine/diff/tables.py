@@ -32,8 +32,8 @@ def compare_tables(
     Args:
         a: first file.
         b: second file.
-        name: of both in a folder.
-        settings: tolerances, and whether it counts how the files were made.
+        name: name of the two files in the result.
+        settings: tolerances, and whether provenance is compared.
         alone: there are no other files, so that tables of two kinds, and tolerances of unknown columns, are refused.
     """
     left, right = open_if_ours(a), open_if_ours(b)
@@ -47,7 +47,7 @@ def compare_tables(
 
 
 def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
-    """UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
+    """Raise UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
     stated_a, stated_b = describe(a), describe(b)
     if stated_a["schema"] != stated_b["schema"]:
         raise UsageError(
@@ -68,12 +68,12 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:
-    """Compare two tables, of which one or both are external, by common columns in one length unit.
+    """Compare two tables, of which at least one is external, by common columns in one length unit.
 
     Args:
         a: first table.
         b: second table.
-        name: of the files in the result.
+        name: name of the files in the result.
         settings: tolerances.
         alone: these two files are all that is compared, so that a tolerance of a column that neither has is an error.
     """
@@ -97,9 +97,9 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
 
 
 def _compare_unused(a: ExternalTable, b: ExternalTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
-    """Return the first difference of each column of external tables that occlog's `table` does not have.
+    """Return the first difference of each column of two external tables that occlog's `table` does not have.
 
-    A column that only one of them has is a difference too. `name`: of the files in the result.
+    A column that only one of them has is a difference too. `name`: name of the files in the result.
     """
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
@@ -124,7 +124,10 @@ def _raw_rows(table: ExternalTable, names: Sequence[str]) -> Iterator[tuple[Scal
 
 
 def _plain(value: object) -> Scalar:
-    """Return a cell for comparison: a number regardless of its format, else a text; None is an empty one."""
+    """Return a cell of an external table for comparison: a number regardless of its format, else text.
+
+    None is empty text.
+    """
     try:
         number = float(value) if isinstance(value, int | float | str | Decimal) else math.nan
     except (ValueError, OverflowError):
@@ -134,16 +137,16 @@ def _plain(value: object) -> Scalar:
 
 
 def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
-    """Names of a table's columns that a file has."""
+    """Return the names of a table's columns that a file has."""
     if opened.external_table is not None:
         return [s.column.name for s in opened.external_table.layout_of(table).columns]
     return [c["name"] for c in describe(opened.path)["columns"]]
 
 
 def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare declarations, rows, verdicts and, if the settings say so, provenance of two occlog tables.
+    """Compare two occlog tables: declarations, rows, verdicts and, if the settings say so, provenance.
 
-    `name`: of the files in the results. Rows are compared only if the declared columns agree.
+    Rows are compared only if the declared columns agree. `name`: name of the files in the results.
     """
     stated_a, stated_b = describe(a), describe(b)
     schema = diff_schemas(name, stated_a, stated_b)

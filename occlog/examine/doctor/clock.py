@@ -51,11 +51,13 @@ class SensorTimes:
     """Statistics of the times of one sensor, in file order.
 
     Attributes:
-        name: the sensor, in words.
-        unique: its times may not repeat, since they are those of frames.
-        dropped: messages with times that repeat or go back are skipped by readers.
-        sorted: whoever reads the file puts its times in order, so that they may go back.
-        sporadic: no time means that there was nothing, as for a reader without a tag; such a sensor has no gaps.
+        name: name of the sensor, for messages.
+        unique: whether times must not repeat, since they are those of frames.
+        dropped: whether readers skip messages with times that repeat or decrease.
+        sorted: whether readers sort the rows by time, so that times may decrease.
+        sporadic: whether the sensor reports detections only, so that gaps are no fault.
+        count: number of times.
+        low, high: first and last time [ns].
     """
 
     name: str
@@ -77,7 +79,7 @@ class SensorTimes:
     _longest: list[tuple[int, int, int]] = field(default_factory=list)  # interval, time before, step of frame numbers
 
     def add(self, t_ns: Ints, frame: Ints | None = None) -> None:
-        """Add further times [ns], with frame numbers if there are any."""
+        """Add further times (n,) [ns] in file order, with frame numbers (n,) if there are any."""
         if not len(t_ns):
             return
         before = self.count
@@ -131,12 +133,12 @@ class SensorTimes:
 
     @property
     def times(self) -> int:
-        """Number of distinct times of a sensor with nondecreasing times."""
+        """Number of distinct times, if times never go back."""
         return self.count - self._repeats
 
     @property
     def usual_ns(self) -> int | None:
-        """Usual interval [ns] of a regular sensor; None for an irregular one."""
+        """Median interval [ns] of a regular sensor; None for an irregular one, few intervals, or times that go back."""
         total = sum(self._intervals.values())
         if total < MIN_INTERVALS or self._back:
             return None
@@ -145,7 +147,7 @@ class SensorTimes:
         return median if near >= REGULAR_SHARE * total else None
 
     def _median(self) -> int:
-        """Median of all intervals between distinct times; 0 without intervals."""
+        """Return the median of all intervals between distinct successive times [ns]; 0 without intervals."""
         half, seen = sum(self._intervals.values()) / 2, 0
         for length in sorted(self._intervals):
             seen += self._intervals[length]
@@ -154,7 +156,7 @@ class SensorTimes:
         return 0
 
     def judge(self, findings: Findings) -> None:
-        """Add findings about faults in the times of this sensor."""
+        """Add findings about faults in the times of this sensor: order, repetition, epoch, gaps."""
         if self._back and not self.sorted:
             findings.add("skipped-stamp" if self.dropped else "order", self.name, self._first_back, count=self._back)
         if self.unique and self._repeats:
@@ -211,7 +213,7 @@ def _is_wide(t_ns: Ints) -> bool:
 
 
 def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
-    """Add findings about the times of each sensor: faults of their own, no overlap with others, lateness."""
+    """Add findings about the times of each sensor: its own faults, no overlap with the others, a constant delay."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
@@ -232,7 +234,13 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
 def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
-    """Add a finding for each truth that has no time in common with the sensors and cannot be compared."""
+    """Add a finding for each truth that has no time in common with the sensors.
+
+    Args:
+        truth: location for the message, and statistics of times.
+        sensors: statistics of the times of each.
+        findings: list that is extended in place.
+    """
     counted = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in counted), default=0), max((s.high for s in counted), default=0)
     for location, one in truth:
@@ -260,9 +268,10 @@ def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
 
 
 def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
-    """Generate regular sensors with as many times as others of their rate, all shifted, and the shift [ns].
+    """Generate each regular sensor with times that are all shifted against others of its rate, and the shift [ns].
 
-    Negative: early. Of two sensors the later one is reported.
+    Negative: early. Only sensors with numbers of times that differ by at most 1 are compared. Of two sensors the later
+    one is reported.
     """
     regular = [(clock, usual) for clock in clocks if (usual := clock.usual_ns) is not None]
     for clock, usual in regular:
@@ -285,7 +294,10 @@ MAX_BACKWARD_SHARE = 1 / 3
 
 
 class Restarts:
-    """Checks the order of times of each sensor and identity, in file order."""
+    """Counts times that go back within a sensor or identity of an external table, in file order.
+
+    They indicate a restart, or a clock that was set.
+    """
 
     def __init__(self, table: ExternalTable) -> None:
         """Create a check of an external table for times that go back, before its first row."""
@@ -295,7 +307,10 @@ class Restarts:
         self._first = InputError("")
 
     def add(self, cells: TableCells) -> None:
-        """Count rows of the table whose time is before the previous one of their sensor; InputError for no time."""
+        """Count those of further rows that are earlier than the previous row of their sensor.
+
+        InputError for an invalid time.
+        """
         t_ns = self._table.times_of(cells).tolist()
         for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
             before = self._last.get(owner)
@@ -308,6 +323,6 @@ class Restarts:
         self._rows += len(t_ns)
 
     def judge(self, findings: Findings) -> None:
-        """Add a finding on how often times decrease, unless the file is unsorted."""
+        """Add a finding on how often times go back, unless they do so often that the file is unsorted."""
         if 0 < self._back <= MAX_BACKWARD_SHARE * self._rows:
             findings.refused("restart", self._first, count=self._back)

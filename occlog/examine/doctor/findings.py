@@ -21,12 +21,12 @@ class Finding(NamedTuple):
     """A fault in a file.
 
     Attributes:
-        kind: one of `DOCTOR`.
-        file: the file, as it was named.
-        location: where in it: byte, line, row, sensor and time; empty: in the whole of it.
+        kind: key of the message table `DOCTOR`.
+        file: name of the file as given by the user.
+        location: byte, line, row, sensor or time; empty: the whole file.
         value: value found.
-        limit: what may be there; empty: that of the kind.
-        n_locations: how many positions are like this one, itself included.
+        limit: permitted values; empty: those of the kind.
+        n_locations: number of locations with this fault, this one included.
     """
 
     kind: str
@@ -38,7 +38,7 @@ class Finding(NamedTuple):
 
     @property
     def severity(self) -> Severity:
-        """Severity that all findings of this kind have."""
+        """Severity of this kind of finding: error, warning or note."""
         return DOCTOR[self.kind].severity
 
     def as_dict(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ _VALUE = re.compile(r"'[^']*'|[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
 class Findings:
-    """Findings in one file; those that differ in position and numbers only are counted together."""
+    """Findings in one file; those that differ only in location and numbers are counted together."""
 
     def __init__(self, file: str) -> None:
         """Create an empty list of findings in the file of this name."""
@@ -83,13 +83,13 @@ class Findings:
         """Add a finding.
 
         Args:
-            kind: one of `DOCTOR`.
-            location: where it is.
+            kind: key of the message table `DOCTOR`.
+            location: byte, line, row, sensor or time.
             value: value found.
-            limit: what may be there, if the kind does not state it.
-            count: how many locations it represents.
-            similar: what findings counted as one have in common; empty: each of the first `MAX_LISTED_FINDINGS`
-                is listed separately.
+            limit: permitted values, if the kind does not state them.
+            count: number of locations it represents.
+            similar: findings of a kind with an equal text are counted as one; empty: each of the first
+                `MAX_LISTED_FINDINGS` is listed separately.
         """
         key = (kind, similar or f"{location}\0{value}")
         if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:
@@ -102,12 +102,14 @@ class Findings:
         self._found[key] = Finding(kind, self._file, location, value, limit, count)
 
     def refused(self, kind: str, error: Exception, *, location: str = "", count: int = 1) -> None:
-        """Add a finding with the text of a reader's error; equal errors elsewhere are counted with the first.
+        """Add a finding with the text of a reader's error.
+
+        Errors that differ in numbers only are counted with the first.
 
         Args:
-            kind: of the finding.
-            error: its text may begin with the file and the location, which are taken out.
-            location: where the text states none.
+            kind: key of the message table `DOCTOR`.
+            error: its text may begin with file and location, which are removed.
+            location: used if the text states none.
             count: number of faults.
         """
         text = str(error).removeprefix(f"{self._file}: ")
@@ -136,7 +138,7 @@ def exit_code(findings: Iterable[Finding]) -> ExitCode:
 
 
 def finding_schema() -> dict[str, object]:
-    """JSON Schema of the output of `occlog doctor --json`."""
+    """Return the JSON Schema of the output of `occlog doctor --json`."""
     text, maybe = {"type": "string"}, {"type": ["string", "null"]}
     count = {"type": "integer", "minimum": 0}
     finding = {

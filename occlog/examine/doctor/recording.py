@@ -56,7 +56,7 @@ TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 
 
 def check_bag(path: Path, findings: Findings) -> None:
-    """Add findings about a bag: every message with a time that would be used, indexes, and the reader's losses."""
+    """Add findings about a ROS bag: messages with times, indexes, clocks, and data that cannot be read."""
     try:
         with open_bag([path]) as bag:
             topics = bag.topics()
@@ -76,7 +76,7 @@ def check_bag(path: Path, findings: Findings) -> None:
 
 
 def _check_indexes(bag: Bag, findings: Findings) -> None:
-    """Add findings about topics that the index of an undamaged MCAP file omits, so that readers miss them."""
+    """Add findings about undamaged MCAP files with an index that omits topics, which readers would miss."""
     for file in bag.files:
         if isinstance(file, McapFile) and not file.losses:
             try:
@@ -109,7 +109,7 @@ def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str
 
 
 class _Stamps:
-    """Accumulated times of one topic, and the range of the delay of recording."""
+    """Accumulated times of one topic of a bag, and differences between time stamps and times of recording."""
 
     def __init__(self, topic: str) -> None:
         self.clock = SensorTimes(topic, unique=True, dropped=True)
@@ -150,7 +150,7 @@ MAX_IMAGE_BYTES = 512 * 1024 * 1024
 
 
 def check_video(path: Path, findings: Findings) -> None:
-    """Decode all frames of a video in a separate process; add findings about damage and times."""
+    """Decode all frames of a video in a separate process; add findings about damage and uneven times."""
     try:
         container = read_container(path)
         with start_decoder(
@@ -196,6 +196,17 @@ TABLES = {schema_of(table): table for table in RECORDED}
 
 
 class _Message(NamedTuple):
+    """One message of an MCAP file.
+
+    Attributes:
+        topic: topic of its channel.
+        schema: name of its schema; empty: none.
+        encoding: encoding of its content.
+        number: sequence number.
+        log_ns: time at which it was logged [ns].
+        data: content.
+    """
+
     topic: str
     schema: str
     encoding: str
@@ -205,13 +216,13 @@ class _Message(NamedTuple):
 
 
 def check_recording(path: Path, recording: McapRecording | None, findings: Findings, seen: set[Path]) -> None:
-    """Check every message of a recording.
+    """Add findings about every message of an occlog recording: rows, frames, links to videos, clocks.
 
     Args:
         path: the recording.
-        recording: it, opened; None: it is damaged, and its intact part is checked.
-        findings: receives the faults.
-        seen: videos that have been checked; those that are linked to are added.
+        recording: the opened recording; None: it is damaged, and its intact part is checked.
+        findings: list that is extended in place.
+        seen: videos that have been checked; linked ones are added in place.
     """
     scan, fault = _RecordingScan(path, findings), None
     if recording is not None:
@@ -307,7 +318,7 @@ def _look_at_link(recording: McapRecording, camera: str, findings: Findings, see
 
 
 class _RecordingScan:
-    """Scan over the messages of a recording: checks of rows, frames and clocks, and their state."""
+    """Checks of the messages of a recording, one after another: table rows, frames and clocks."""
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings

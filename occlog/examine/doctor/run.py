@@ -33,12 +33,12 @@ PAGES = (".md", ".html", ".pdf", ".py", ".sh", ".log", ".source", ".svg")
 
 @dataclass
 class Diagnosis:
-    """Findings of all files.
+    """Result of checking files.
 
     Attributes:
         files: number of files that were checked.
-        others: files of folders that are not known, by the ending of their names.
-        findings: all of it, in the order of the files.
+        others: number of files in folders of unknown kind, by ending.
+        findings: all findings, in the order of the files.
     """
 
     files: int = 0
@@ -47,7 +47,7 @@ class Diagnosis:
 
 
 def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: None) -> Diagnosis:
-    """Check files, and the files of folders.
+    """Check files, and all files in folders; return the findings.
 
     Args:
         paths: files and folders.
@@ -70,9 +70,10 @@ def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: 
 
 
 def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
-    """Generate the files to check under `path`, and folders that are one bag; True: the user named it.
+    """Generate the files to check under `path`, each with a flag: True if named by the user, False if in a folder.
 
-    Hidden files are skipped; files after the first `MAX_FILES` become a finding in `out`.
+    A folder that is one bag counts as a file. Hidden files are skipped; if there are more than `MAX_FILES`, a finding
+    is added to `out`.
     """
     if not path.is_dir() or _is_bag(path):
         yield path, True
@@ -95,12 +96,12 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """Whether a folder's metadata states that its files are one bag."""
+    """Return whether a folder is a ROS 2 bag (has its metadata file)."""
     return (folder / METADATA).is_file()
 
 
 def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
-    """Check one file, and add its findings; return whether its kind is known.
+    """Check one file and add its findings; return whether its kind is known.
 
     `seen`: paths of videos that need no further check; updated in place.
     """
@@ -152,7 +153,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
 
 
 def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
-    """Check an MCAP file, and add its findings: an occlog recording, possibly damaged, or a bag.
+    """Check an MCAP file and add its findings: it is an occlog recording, possibly damaged, or a bag.
 
     `seen`: paths of videos that need no further check; linked ones are added in place.
     """

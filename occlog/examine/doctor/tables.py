@@ -42,10 +42,10 @@ MAX_HELD = 65_536
 
 
 class TableWatch:
-    """Checks across rows: duplicates, and times of sensors."""
+    """Checks of a table that need several rows: duplicates, order, and times of each sensor."""
 
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
-        """Create a watch over rows of a type of table, before the first row; findings are added to `findings`."""
+        """Start without rows; `table`: type of the table, `findings`: to be extended."""
         self.table, self.findings = table, findings
         self._clocks: dict[str, SensorTimes] = {}
         self._frozen = FrozenCameras()
@@ -54,11 +54,14 @@ class TableWatch:
 
     @property
     def clocks(self) -> list[SensorTimes]:
-        """Statistics of the times of each sensor, or of all rows."""
+        """Statistics of the times of each sensor, or of all rows for a table without sensors."""
         return list(self._clocks.values())
 
     def note_order(self, t_ns: Ints, first: int) -> None:
-        """Check the order of times [ns] of rows; `first` is the number of the first one in the file."""
+        """Add a finding if times [ns] of successive rows go back.
+
+        `first`: number of the first of these rows in the file.
+        """
         whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
         back = np.flatnonzero(whole[1:] < whole[:-1])
         if len(back):
@@ -69,7 +72,7 @@ class TableWatch:
         self._last = int(whole[-1]) if len(whole) else None
 
     def take(self, table: ColumnTable) -> None:
-        """Add further rows, in the order of time."""
+        """Add further rows, in the order of time, to the checks."""
         if not len(table):
             return
         whole = table.sorted() if self._held is None else self.table.merge([self._held, table])
@@ -123,13 +126,14 @@ def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
 def bisect_bad_rows(
     rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MAX_CHECKS
 ) -> Iterator[tuple[int, InputError]]:
-    """Generate the number of each invalid row, found by bisection, with its error.
+    """Generate the number of each invalid row with its error; rows are found by bisection.
 
     Args:
         rows: number of rows.
         make: makes the rows start <= row < stop; InputError if one of them is invalid.
-        good: its results for the other rows, part by part, are added to this list.
-        checks: largest number of calls of `make`; a section that is left after these counts as one bad row, its first.
+        good: its results for parts without invalid rows are appended to this list.
+        checks: largest number of calls of `make`; a part that is not resolved by then counts as one invalid row, its
+            first.
     """
     if rows:
         yield from _bad(0, rows, make, good, [checks])
@@ -138,13 +142,13 @@ def bisect_bad_rows(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """Generate the bad rows of start to stop with their errors, by bisection; add good parts to `good`, in place.
+    """Generate the invalid rows from `start` up to `stop` with their errors, by bisection.
 
     Args:
         start: first row.
         stop: row after the last.
-        make: makes rows from start to stop; InputError if one is bad.
-        good: its results for sections without bad rows.
+        make: makes rows from start to stop; InputError if one is invalid.
+        good: its results for parts without invalid rows are appended.
         left: number of calls left, as a list of one, counted down in place.
     """
     left[0] -= 1
@@ -168,13 +172,13 @@ def _bad(
 def drop_bad_rows(
     rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, location: Callable[[int], str] = lambda _: ""
 ) -> None:
-    """Convert rows to a table; report invalid ones, and pass the others to the watch.
+    """Convert rows to a table; add a finding for each invalid one, and pass the others to further checks.
 
     Args:
         rows: number of rows.
-        make: gives the table of the rows start <= row < stop; InputError if one of them cannot be.
-        watch: takes the table of the good ones.
-        location: words for a row, where the error has none.
+        make: returns the table of the rows start <= row < stop; InputError if one is invalid.
+        watch: receives the table of the valid rows.
+        location: returns the location of a row, for errors that do not state one.
     """
     good: list[ColumnTable] = []
     for row, error in bisect_bad_rows(rows, make, good):

@@ -76,7 +76,7 @@ def _check(
 def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
     """Return the statistics of the times of a camera's frames.
 
-    `stamps`: time [ns] by frame number; frames without rows have no detection.
+    `stamps`: time [ns] by frame number; frames without detections may be missing.
     """
     frames = np.array(sorted(stamps), dtype=np.int64)
     clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
@@ -135,7 +135,7 @@ def check_text_file(path: Path, findings: Findings) -> bool:
 
 
 def _directions(path: Path, findings: Findings) -> bool:
-    """Check a log of directions of arrival; return whether it is one."""
+    """Check a log of directions of arrival, and add its findings; return whether the file is such a log."""
     probe = Probe(path, WHAT)
     log = recognise(FORMATS, probe)
     if log is None or (log == "odas" and b"timeStamp" not in probe.start):
@@ -195,9 +195,9 @@ def _calibration(path: Path, findings: Findings) -> bool:
 
 
 def _structured(path: Path, kind: str, findings: Findings) -> bool:
-    """Add findings about an XML or TOML file (`kind`: its ending): its syntax, and its calibration.
+    """Add findings about an XML or TOML file: its syntax, and its calibration.
 
-    Return False only for a well-formed file that is no calibration of a known format.
+    Return False only for a well-formed file that is no calibration of a known format. `kind`: ending of its name.
     """
     try:
         text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
@@ -227,7 +227,10 @@ def _json(path: Path, findings: Findings) -> bool:
 
 
 def _table(path: Path, findings: Findings) -> bool:
-    """Add findings about a text table: external table, boxes, stations, times or calibration; return whether known."""
+    """Add findings about a text table: external table, boxes, stations, time stamps, calibration or directions.
+
+    Return whether the file is one of these.
+    """
     fault: InputError | None = None
     if looks_like_times(path):
         _times(path, findings)
@@ -255,7 +258,7 @@ def _table(path: Path, findings: Findings) -> bool:
 
 
 def _is_scene(path: Path) -> bool:
-    """Whether a file is a valid table of stations."""
+    """Return whether a file is a valid table of stations (positions of sensors)."""
     try:
         read_stations(path)
     except InputError:

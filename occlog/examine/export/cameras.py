@@ -20,18 +20,18 @@ from .formats import SCENE
 def run_export_cameras(
     input: Path, output: Path, format: str, *, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the cameras of a scene; return the summary, and the losses of the recording with the scene.
+    """Write the cameras of a scene; return the summary, and the data losses of the recording that has the scene.
 
     Args:
         input: scene file, recording with a scene, or table of stations.
         output: file or folder.
-        format: a key of `FORMATS` for cameras.
+        format: name of a format for cameras, a key of `FORMATS`.
         overwrite: replace outputs that exist.
-        quiet: no notes about what the format does not hold.
+        quiet: print no notes about what the format cannot store.
 
     Raises:
         NoSceneError: the input has no scene.
-        InputError: the format cannot state a camera.
+        InputError: the format cannot store a camera.
     """
     if str(output) == "-":
         raise UsageError(f"-: format {format} is not written to standard output; name a file", id="not-applicable")

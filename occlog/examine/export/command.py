@@ -118,7 +118,10 @@ def command(
     as_json: bool,
     **values: object,
 ) -> int:
-    """Run the export, and print the written files (nothing if the table itself is printed)."""
+    """Run the export and print a summary (nothing if the table itself goes to standard output).
+
+    Return the exit code.
+    """
     name = to or format_of(output.name)
     if name is not None and name in FORMATS and FORMATS[name].viewer:
         named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin}
@@ -160,7 +163,7 @@ def command(
 
 
 def _refuse(named: Mapping[str, object], why: str) -> None:
-    """UsageError for the first option in `named` (option: value) that is given; `why`: end of the message."""
+    """Raise UsageError for the first option in `named` (value by option) that is given; `why`: end of the message."""
     for option, value in named.items():
         if value not in (None, ()):
             raise UsageError(f"{option}: {why}")

@@ -24,10 +24,10 @@ class ExportFormat:
     """An export format.
 
     Attributes:
-        endings: of names of files that are of this format without a format option; none: it must be named.
-        tables: names of the tables that it takes, the first that an input holds is taken; none: any.
-        doc: one line of what it is.
-        viewer: whether it shows everything that a run folder or a recording holds, and is no table.
+        endings: endings of file names that select this format; empty: it must be named.
+        tables: names of the tables that it can hold; the first that an input has is exported; empty: any.
+        doc: description in one line.
+        viewer: whether it holds all data of a run folder or a recording for a viewer, and is no table.
         cameras: whether it holds the cameras of a scene, and is no table.
     """
 

@@ -19,9 +19,9 @@ CATEGORY, NAME = 1, "person"
 
 
 def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
-    """Return the boxes of a table of boxes, clusters or tracks in images.
+    """Return the boxes of a table of boxes, of clusters, or of tracks in images.
 
-    Ellipses give their bounding boxes; clusters keep their numbers as identities.
+    Ellipses give their bounding boxes; clusters keep their numbers.
     """
     if isinstance(table, Boxes):
         return table.take(table.box >= 0)
@@ -45,9 +45,9 @@ class Cameras(NamedTuple):
     """Cameras found in a pass over a table in images.
 
     Attributes:
-        boxed: cameras that have a box, rising.
-        ends: of each camera frame and time of the first row with its lowest frame, and of that with its highest.
-        rising: cameras with frames that rise with time, so that rows in the order of time are in that of frames.
+        boxed: sorted names of the cameras that have a box.
+        ends: for each camera, frame and time of a row with its lowest frame number, and of one with its highest.
+        rising: cameras with frame numbers that rise with time.
     """
 
     boxed: list[str]
@@ -63,7 +63,7 @@ class ImageFrame(NamedTuple):
 
 
 def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
-    """Survey the cameras of a table, given in parts that split no time."""
+    """Find the cameras of a table, given in parts in the order of time that split no time."""
     boxed: set[str] = set()
     ends: dict[str, tuple[ImageFrame, ImageFrame]] = {}
     back: set[str] = set()
@@ -86,7 +86,8 @@ def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
 def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     """Return the camera to export, of the `cameras` with boxes; None without boxes.
 
-    `camera`: the named one; None: none. UsageError if several have boxes and none is named, InputError if missing.
+    `camera`: the one that the user names; None: none. UsageError if several have boxes and none is named, InputError if
+    the named one is missing.
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
@@ -101,16 +102,16 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
 
 
 def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
-    """Content of `seqinfo.ini` for one camera: frames up to the last one with a row, at their mean rate.
+    """Return the content of MOTChallenge's `seqinfo.ini` for one camera: frames up to the last with a row, mean rate.
 
     Args:
-        found: in the table; rows of frames without a box count too.
-        camera: the camera; None: there is one.
-        folder: of the sequence, with the same name.
+        found: cameras of the table; rows of frames without a box count too.
+        camera: the camera; None: the first.
+        folder: name of the sequence.
         scene: has the sizes of images.
 
     Raises:
-        InputError: the size of the images is not known, or there is no rate, of one frame or none.
+        InputError: the image size is unknown, or there are fewer than two frames for a rate.
     """
     if not found.ends:
         raise InputError("the table has no rows, so that the frames of the video are unknown", id="empty-input")
@@ -131,7 +132,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Return lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
+    """Return lines of KITTI's text of tracks: frame, identity, type, box; positions in space are unknown."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),
@@ -151,15 +152,14 @@ def kitti_text(boxes: Boxes) -> str:
 
 
 def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> Iterator[str]:
-    """COCO data set in text parts: an image per frame with a box, an annotation per box, one category.
+    """Generate a COCO data set as text, part by part: an image for each frame with a box, an annotation for each box.
+
+    There is one category, `person`. Images come in a first pass, annotations in a second one.
 
     Args:
-        pieces: gives the boxes, the same each time, in pieces that split no time, in which frames of a camera rise with
-            time; or all at once.
-        scene: has the sizes of images.
-
-    Yields:
-        the text, part by part: images in a first pass, annotations in a second one.
+        pieces: returns an iterator over the boxes, at each call, in parts that split no time and in which frames of a
+            camera rise with time; or in one part.
+        scene: has the sizes of images; None: unknown.
     """
     sizes = {} if scene is None else {c.name: c.image_size for c in scene.cameras}
     count, mark = 0, ""

@@ -25,15 +25,15 @@ BREAKS = ("\n", "\r", "\0")
 
 
 def readable(chunks: Iterable[T], source: Path, *, text: bool) -> Iterator[T]:
-    """Generate the chunks of a table; InputError for rows that would be read back differently.
+    """Generate the chunks of a table unchanged, after a check that their names can be read back from the output.
 
     Args:
         chunks: the rows.
-        source: the file that they are from.
-        text: names are written as cells of a text, which readers take without blanks around them.
+        source: file of the rows, for messages.
+        text: whether the output is text, in which names have no line breaks, blanks at an end, or (mostly) empty cells.
 
     Raises:
-        InputError: a name that would not be read again.
+        InputError: a name would be read back differently.
     """
     for chunk in chunks:
         if text:
@@ -78,19 +78,19 @@ WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
 class UnrepresentableColumns:
-    """Detects columns with values that the format cannot hold."""
+    """Detects columns of a table that have values and that the output format cannot hold."""
 
     def __init__(
         self, name: str, table: type[ColumnTable], length_unit: str, chosen: tuple[int, ...], camera: str | None
     ):
-        """Start without rows.
+        """Create a note of what a format cannot represent, without rows yet.
 
         Args:
-            name: of the format.
-            table: with rows that are written.
-            length_unit: of its lengths.
-            chosen: identities that are written; none: all.
-            camera: with rows that are written; None: of all.
+            name: name of the format.
+            table: type of the exported table.
+            length_unit: unit of its lengths.
+            chosen: identities that are exported; empty: all.
+            camera: name of the only camera that is exported; None: all.
         """
         self._name, self._table, self._unit, self._chosen, self._camera = name, table, length_unit, chosen, camera
         held = (PLACES | BOXES)[name]
@@ -105,7 +105,7 @@ class UnrepresentableColumns:
         self._frames = ExportedFrames()
 
     def watched(self, rows: Iterable[T]) -> Iterator[T]:
-        """Generate the rows in parts, each checked; those of one time are in one part."""
+        """Generate the parts of a table unchanged, each checked; rows of one time must be in one part."""
         for part in rows:
             self._see(part)
             yield part
@@ -129,7 +129,7 @@ class UnrepresentableColumns:
                 self._known[c.name] = None
 
     def words(self) -> tuple[str, ...]:
-        """Return descriptions of what the format cannot represent, one each."""
+        """Return descriptions of what the format cannot hold, one each, such as `velocities`."""
         out = []
         if self._name in UNITLESS and self._unit != "m":
             out.append(f"that lengths are in {self._unit}")
@@ -151,7 +151,7 @@ class UnrepresentableColumns:
 
 
 def _says_something(values: NDArray[np.generic]) -> bool:
-    """Whether a column has any value: a known number, an identity, or a text."""
+    """Return whether any value of a column is known: a finite number, an identity >= 0, a text, or True."""
     if values.dtype.kind == "f":
         return bool(np.isfinite(values).any())
     if values.dtype.kind in "US":
@@ -169,7 +169,7 @@ class ExportedFrames:
         self._rows: Counter[str] = Counter()
 
     def see(self, boxes: Boxes) -> None:
-        """Add the frames of rows; those of one time must be in one call."""
+        """Add the frames of rows; all rows of one time must be in one call."""
         for name in np.unique(boxes.sensor).tolist():
             own = boxes.sensor == name
             frames = boxes.frame[own]

@@ -83,7 +83,7 @@ class Sink:
 
 
 def format_of_plugin(exporter: Chosen) -> ExportFormat:
-    """Export format of a plug-in; PluginError for an unknown table."""
+    """Return the export format of an exporter plug-in; PluginError if it names no table or an unknown one."""
     of = exporter.plugin.load()
     unknown = [name for name in of.tables if name not in TABLES]
     if unknown or not of.tables:
@@ -94,15 +94,13 @@ def format_of_plugin(exporter: Chosen) -> ExportFormat:
 
 
 def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: str | None) -> ColumnTable:
-    """Return the rows of some targets and of one camera.
+    """Return the rows of some targets and of one camera; UsageError if the table has no such column.
 
     Args:
-        rows: of a table.
-        name: of the format, for messages.
+        rows: rows of a table.
+        name: name of the format, for messages.
         targets: identities; empty: all.
         camera: name; None: all.
-
-    UsageError if the table has no such column.
     """
     for option, column, given in (("target", "target_id", tuple(targets)), ("camera", "sensor", camera)):
         if not given:
@@ -118,7 +116,7 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
 def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
     """Write rows to an open file by an exporter plug-in; PluginError if it fails.
 
-    `world`: scene and unit of the rows.
+    `world`: scene and length unit of the rows.
     """
     own: Exporter = exporter.make(world.length_unit)
     with plugin_errors(exporter.plugin):
@@ -137,14 +135,15 @@ class ExportRequest:
     Attributes:
         input: a table or a recording.
         output: the file; `-`: standard output.
-        to: format; None: as the name of the output states.
-        table: which table of a recording; None: the first that the format takes.
-        targets: identities to keep; none: all.
+        to: name of the format; None: by the ending of the output.
+        table: name of the table in a recording; None: the first that the format can hold.
+        targets: identities to export; empty: all.
         camera: camera of the boxes; None: the only one.
-        origin: where the origin of the scene is on earth; None: not given.
+        origin: position of the scene's origin on earth; None: not given.
         scene: scene file, for the sizes of images; None: that of the recording.
-        exporter: the plug-in that `to` names; None: the format is one of ours.
-        quiet: true: nothing on standard error of what the format does not hold.
+        overwrite: replace an existing output.
+        exporter: the plug-in that `to` names; None: the format is one of occlog's.
+        quiet: print no notes about what the format cannot hold.
     """
 
     input: Path
@@ -161,7 +160,7 @@ class ExportRequest:
 
 
 def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Export a table; return the summary and earlier losses."""
+    """Export a table; return the summary, and the data losses of the input."""
     name = request.to or format_of(request.output.name)
     if name is None:
         known = ", ".join(ending for entry in FORMATS.values() for ending in entry.endings)
@@ -219,17 +218,20 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
 
 
 def _info_path(output: Path) -> Path | None:
-    """Return the path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
+    """Return the path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence.
+
+    None if the output is not in such a folder.
+    """
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
 def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> None:
-    """UsageError for options that the format does not use, or an origin that it lacks.
+    """Raise UsageError for options that the format does not use, or a missing origin that it needs.
 
     Args:
         request: the request.
-        name: of the format.
+        name: name of the format.
         form: its declaration.
     """
     if request.exporter is None:
@@ -245,15 +247,17 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
 
 
 def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) -> type[ColumnTable]:
-    """Return the table to export: the wanted one, or the first in the input that the format accepts.
+    """Return the type of table to export: the wanted one, or the first in the input that the format can hold.
 
     Args:
         opened: the input.
-        form: format.
-        name: of the format, for messages.
+        form: the format.
+        name: name of the format, for messages.
         wanted: name of the table; None: any.
 
-    UsageError if the format does not accept it; InputError if the input has none.
+    Raises:
+        UsageError: the format cannot hold the wanted table.
+        InputError: the input has no such table.
     """
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
@@ -275,12 +279,12 @@ def _write_text(
     file: IO[bytes],
     world: tuple[str, Scene | None],
 ) -> tuple[int, Cameras | None, tuple[str, ...]]:
-    """Write rows in a text format; return their number, cameras of an image table (else None), and what was left out.
+    """Write rows in a text format, in two passes over the input.
 
-    The rows are read twice: first for the header and for checks of the whole.
+    Return their number, cameras of a table in images (else None), and what the format cannot hold.
 
     Args:
-        name: of the format.
+        name: name of the format.
         opened: the input.
         table: its table.
         request: targets, camera, origin, output.
@@ -304,16 +308,16 @@ def _write_places(
     unit: str,
     missed: UnrepresentableColumns,
 ) -> int:
-    """Write positions of targets to an open file, in parts; return the number of rows.
+    """Write positions of targets to an open file, part by part; return the number of rows.
 
     Args:
-        name: of the format: tum, mot3d, trc or geojson.
+        name: name of the format: tum, mot3d, trc or geojson.
         opened: the input.
-        table: its table.
+        table: type of its table.
         request: targets and origin.
         file: binary file.
-        unit: of lengths.
-        missed: updated with what the format cannot represent.
+        unit: unit of lengths.
+        missed: collects what the format cannot hold.
     """
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
     if name == "tum":
@@ -351,16 +355,16 @@ def _write_boxes(
 ) -> tuple[int, Cameras]:
     """Write boxes to an open file; return their number, and the cameras of the table.
 
-    In parts where each line of the format is a box, or rows are sorted; else all are read at once.
+    Rows are read in parts if frames rise with time or each line of the format is a box, else all at once.
 
     Args:
-        name: of the format: mot, kitti or coco.
+        name: name of the format: mot, kitti or coco.
         opened: the input.
-        table: its table; ellipses are written as boxes.
+        table: type of its table; ellipses are written as boxes.
         request: camera and output.
         file: binary file.
         scene: image sizes; None: unknown.
-        missed: updated with what the format cannot represent.
+        missed: collects what the format cannot hold.
     """
     found = survey(missed.watched(whole_times(_rows(opened, table))))
     camera = request.camera
@@ -395,9 +399,10 @@ def _write_boxes(
 
 @contextmanager
 def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
-    """Context manager: yield the output as an open file, or standard output.
+    """Context manager that yields the output as an open binary file, or standard output for `-`.
 
-    The file is written atomically with the others of `together`, and compressed if its name ends in .gz.
+    The file is compressed if its name ends in .gz, and appears when the block ends, together with the other files of
+    the group `together`. `overwrite`: replace a file that exists.
     """
     if path == STANDARD:
         yield sys.stdout.buffer

@@ -35,7 +35,11 @@ MAX_CELLS = 50_000_000
 
 
 class ExportedPositions(NamedTuple):
-    """N positions of targets, sorted by time, then by identity."""
+    """N positions of targets, sorted by time, then by identity.
+
+    `t_ns`: (N,) times [ns]; `identity`: (N,); `xyz`: (N, 3), z is 0 if unknown; `velocity`: (N, 2), NaN: unknown;
+    `confidence`: (N,) existence probability, NaN: unknown.
+    """
 
     t_ns: Ints
     identity: Ints
@@ -45,14 +49,14 @@ class ExportedPositions(NamedTuple):
 
 
 def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) -> list[int]:
-    """Sorted identities that are exported, by a pass over the rows.
+    """Return the sorted identities that are exported, after a pass over the rows.
 
     Args:
-        chunks: of the table.
-        targets: identities to keep; none: all.
+        chunks: chunks of the table.
+        targets: identities to export; empty: all.
 
     Raises:
-        InputError: none is left, or an identity is not there.
+        InputError: there are none, or one of `targets` is missing.
     """
     known = sorted({identity for part in chunks for identity in np.unique(part.target_id[_used(part)]).tolist()})
     for target in targets:
@@ -66,16 +70,16 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
 
 
 def _used(table: Tracks | Truth) -> Bools:
-    """Return the mask (N,) of rows of targets: in a truth, those with the role of a target; else all."""
+    """Return the mask (N,) of the rows of targets: in a truth, rows with that role; in tracks, all."""
     return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
 
 
 def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositions:
-    """Positions of the targets in a table; in a truth, of rows with the role of a target.
+    """Return the positions of targets in a table, sorted; of a truth only rows with the role `target`.
 
     Args:
         table: rows in any order.
-        targets: identities to keep; none: all.
+        targets: identities to export; empty: all.
     """
     used = _used(table)
     used = used & np.isin(table.target_id, targets) if targets else used
@@ -109,7 +113,7 @@ def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
 
 
 def check_one_target(names: list[int]) -> None:
-    """UsageError if the target identities `names` are several, since TUM text holds one."""
+    """Raise UsageError if there are several target identities in `names`, since TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
         raise UsageError(
@@ -118,7 +122,10 @@ def check_one_target(names: list[int]) -> None:
 
 
 def tum_text(positions: ExportedPositions) -> str:
-    """Return lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, +x if unknown."""
+    """Return lines `t x y z qx qy qz qw` (TUM) of one target, with t in seconds.
+
+    The orientation is the direction of motion, +x if unknown.
+    """
     heading = np.arctan2(positions.velocity[:, 1], positions.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(
@@ -128,7 +135,7 @@ def tum_text(positions: ExportedPositions) -> str:
 
 
 def _seconds(t_ns: int) -> str:
-    """Return a time [ns] as exact seconds, also before the epoch."""
+    """Return a time [ns] as text in seconds, with all nine decimals."""
     whole, rest = divmod(abs(t_ns), NS)
     return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
@@ -136,19 +143,16 @@ def _seconds(t_ns: int) -> str:
 def geojson_texts(
     pieces: Callable[[], Iterable[ExportedPositions]], origin: Origin, length_unit: str, most: int = MAX_ROWS
 ) -> Iterator[str]:
-    """GeoJSON text in parts: a WGS 84 line per target (a point for a single row), with times of its vertices.
+    """Generate GeoJSON text, part by part: a WGS 84 line for each target (a point for a single row), with times.
 
     Args:
-        pieces: gives the positions, the same each time, in the order of time.
-        origin: where the origin of the scene is on earth.
-        length_unit: of the positions.
-        most: rows of targets that are put together in one pass; of a target with more there are two passes.
-
-    Yields:
-        the text, part by part.
+        pieces: returns an iterator over the positions in the order of time, at each call.
+        origin: position of the scene's origin on earth.
+        length_unit: unit of the positions.
+        most: rows of targets that are in memory in one pass; of a target with more there are two passes.
 
     Raises:
-        InputError: the unit's length in metres is not known.
+        InputError: the length unit is not known in metres.
     """
     if length_unit not in METRES:
         raise InputError(
@@ -177,9 +181,9 @@ def geojson_texts(
 
 
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
-    """Generate the sorted identities in groups of at most `most` rows, or of one identity.
+    """Generate the sorted identities in groups of at most `most` rows, or of one identity with more.
 
-    `counts`: number of rows of each.
+    `counts`: number of rows of each identity.
     """
     group: list[int] = []
     rows = 0
@@ -194,7 +198,10 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 
 
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
-    """Return the positions of the targets `names`, concatenated over all pieces."""
+    """Return the positions of the targets `names`, concatenated over all parts.
+
+    `pieces`: returns an iterator over these.
+    """
     found = [
         ExportedPositions._make(column[np.isin(positions.identity, names)] for column in positions)
         for positions in pieces()
@@ -221,13 +228,13 @@ def _feature(name: int, positions: ExportedPositions, rows: Ints, origin: Origin
 def _long_feature(
     pieces: Callable[[], Iterable[ExportedPositions]], name: int, origin: Origin, length_unit: str
 ) -> Iterator[str]:
-    """Generate the GeoJSON text of a line with more vertices than fit in memory: vertices, then times.
+    """Generate the GeoJSON text of a line with more vertices than fit in memory: vertices, then their times.
 
     Args:
-        pieces: generates the positions of all targets, once for each of the two.
+        pieces: returns an iterator over the positions of all targets; called twice.
         name: identity of the target.
         origin: position of the scene's origin on earth.
-        length_unit: of the positions.
+        length_unit: unit of the positions.
     """
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
@@ -243,20 +250,18 @@ def _long_feature(
 
 
 def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: str, name: str) -> Iterator[str]:
-    """TRC text in parts: a marker per target, a line per time; empty cells for absent targets.
+    """Generate TRC text (OpenSim), part by part: a marker for each target, a line for each time.
 
-    The unit is mm, or m for lengths in m.
+    Cells of absent targets are empty. The unit is mm, or m for lengths in m. The head comes after a first pass, lines
+    in a second one.
 
     Args:
-        pieces: gives the positions, the same each time, in the order of time; a time is in one piece only.
-        length_unit: of the positions.
-        name: of the file.
-
-    Yields:
-        the text, part by part: the head after a first pass, lines in a second one.
+        pieces: returns an iterator over the positions in the order of time, at each call; a time is in one part only.
+        length_unit: unit of the positions.
+        name: name of the file.
 
     Raises:
-        InputError: the unit's length in metres is not known, or more than `MAX_CELLS` cells.
+        InputError: the length unit is not known in metres, or there are more than `MAX_CELLS` cells.
     """
     if length_unit not in METRES:
         raise InputError(
@@ -307,7 +312,7 @@ CELL = '"'
 
 
 def shown_name(column: Column, length_unit: str) -> str:
-    """Return the name of a column with its unit, as in the head of a file."""
+    """Return the name of a column with its unit, as in the header of an exported file: `bearing_rad`, `x_m`."""
     if column.unit == "rad":
         return f"{column.name}_rad"
     return column.name + ending(column, length_unit) if column.unit in POWERS else column.name
@@ -322,7 +327,7 @@ def write_csv(
         rows: chunks of the table.
         table: its type.
         file: open binary file.
-        length_unit: of lengths, stated in the names of the columns.
+        length_unit: unit of lengths, part of the names of columns.
     """
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
@@ -335,7 +340,7 @@ def write_csv(
 
 
 def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
-    """Return the values of a column as texts; unknown values are empty."""
+    """Return the values of a column as texts for CSV; NaN becomes an empty text."""
     values = getattr(part, column.name)
     if column.kind == "U":
         return [_quoted(no_formula(text)) for text in values.tolist()]
@@ -353,13 +358,13 @@ def _quoted(text: str) -> str:
 
 
 def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
-    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows.
+    """Write Parquet without occlog's metadata, with null for NaN; return the number of rows.
 
     Args:
         rows: chunks of the table.
         table: its type.
         file: open binary file.
-        length_unit: of lengths, stated in the names of the columns.
+        length_unit: unit of lengths, part of the names of columns.
     """
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0

@@ -63,13 +63,13 @@ SHOWN: tuple[type[ColumnTable], ...] = (
 
 @dataclass(frozen=True)
 class ViewerInputs:
-    """Everything that is shown; each table has one source.
+    """Everything that a viewer shows; each table has one source.
 
     Attributes:
-        tables: opened inputs by the name of the table.
-        recording: None: missing, so that there are no images.
-        scene: None: missing, so that cameras and the plan are not drawn.
-        unit: of lengths.
+        tables: opened input of each table, by name.
+        recording: images; None: missing.
+        scene: cameras and plan; None: missing.
+        unit: unit of lengths.
     """
 
     tables: Mapping[str, Opened] = field(default_factory=dict)
@@ -88,11 +88,11 @@ class ViewerInputs:
         return list({opened.path: opened for opened in self.tables.values()}.values())
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Return whether there are rows of a table."""
+        """Return whether an input holds a table of this type."""
         return table.NAME in self.tables
 
     def pieces(self, table: type[T]) -> Iterator[T]:
-        """Generate the rows of a table grouped by time and sensor; empty if missing."""
+        """Generate the rows of a table, in parts of equal time and sensor; empty if the table is missing."""
         if not self.has(table):
             return
         for rows in whole_times(self.tables[table.NAME].rows(table, at_once=ROWS)):
@@ -106,7 +106,7 @@ class ViewerInputs:
 
 
 def chunks_of_equal_time(rows: T) -> Iterator[T]:
-    """Split rows where the time or the sensor changes."""
+    """Generate parts of a table, split where the time or the sensor changes."""
     change = np.diff(rows.t_ns) != 0  # type: ignore[attr-defined]
     sensor = getattr(rows, "sensor", None)
     if sensor is not None:
@@ -118,15 +118,16 @@ def chunks_of_equal_time(rows: T) -> Iterator[T]:
 
 
 def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> ViewerInputs:
-    """Find the inputs in a folder or a file.
+    """Find and open what is to be shown, in a folder or a file.
 
     Args:
         path: run folder, recording or table.
-        recording: with images, scene and true positions are shown; None: that of the folder.
+        recording: has images, scene and true positions; None: that of the folder.
         scene: scene file; None: that of the recording.
 
     Raises:
-        InputError: there is nothing that could be shown, or lengths are in several units.
+        InputError: there is nothing that can be shown, or lengths are in several units.
+        UsageError: an input is itself an export for a viewer, or `recording` is none.
     """
     files = _files(path) if path.is_dir() else [path]
     for given in (path, recording):
@@ -156,7 +157,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
 
 
 def viewer_format_of(path: Path) -> str | None:
-    """Return the name of the format of a file made for viewers; None for others."""
+    """Return the name of the viewer format that a file was exported to; None for other files."""
     opened = open_if_ours(path)
     if opened is None or opened.recording is None or opened.provenance.command != "export":
         return None
@@ -188,7 +189,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def note_unexpected(inputs: ViewerInputs, quiet: bool) -> None:
-    """Note unusual inputs: no images, a unit without a length, tracks of another recording."""
+    """Print notes about what is not shown for lack of an input: images, plan, or a unit of length."""
     if inputs.recording is None:
         console.note(
             f"no recording is given: no images and no truth are shown; name it with {option('recording')}", quiet

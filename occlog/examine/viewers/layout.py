@@ -27,11 +27,11 @@ Node = str | dict[str, object]
 
 
 def foxglove_layout(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
-    """Create the layout: 3-D scene, images, plots and log.
+    """Return a layout of panels for Foxglove and Lichtblick: 3-D scene, images, plots and log.
 
     Args:
-        topics: names of schemas by topic.
-        scene: for the initial view in space; None: at the origin.
+        topics: name of the message schema of each topic.
+        scene: determines the initial view in space; None: the origin.
     """
     panels: dict[str, object] = {"3D!space": _space(topics, scene)}
     images: list[Node] = []
@@ -62,7 +62,7 @@ def _split(first: Node, second: Node, direction: str, share: float) -> dict[str,
 
 
 def _tiled(panels: Sequence[Node], direction: str) -> Node:
-    """Return panels arranged in a `direction` (`row`, `column`), from four on alternating with the other one."""
+    """Return a tree of panels arranged in a `direction`, `row` or `column`; from four on, directions alternate."""
     if len(panels) == 1:
         return panels[0]
     if len(panels) == 2:
@@ -127,7 +127,7 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
 def _plots(topics: Mapping[str, str]) -> list[list[str]]:
     """Return the message paths of up to two plots, each with up to `MAX_LINES` lines.
 
-    `topics`: names, with the message type of each.
+    `topics`: name of the message schema of each topic.
     """
     found = []
     for source, names in PLOTS:

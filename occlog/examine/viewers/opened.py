@@ -29,11 +29,13 @@ class ViewRequest:
 
     Attributes:
         input: run folder, recording or table.
-        output: the file that is made; None: a temporary one.
-        recording, scene: as for `occlog.examine.viewers.run.ViewerTask`.
-        viewer: name or path of the program; None: the first that is found.
-        only_print: whether the program is not started.
-        every: as for `occlog.examine.viewers.run.ViewerTask`.
+        output: the file that the viewer opens; None: a temporary one.
+        recording: recording with images; None: that of the folder.
+        scene: scene file; None: that of the recording.
+        viewer: name or path of the program; None: the first that is installed.
+        only_print: print the command of the viewer instead of starting it.
+        overwrite: replace an existing output.
+        every: least time between messages of a topic [s]; None: all are written.
     """
 
     input: Path
@@ -47,7 +49,7 @@ class ViewRequest:
 
 
 def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the viewer's file, and show it until the viewer is closed; return the summary and losses.
+    """Write the viewer's file, and show it until the viewer is closed; return the summary and data losses.
 
     Raises:
         UsageError: no viewer is installed, an option does not apply to an existing export, or a command is to be
@@ -90,13 +92,13 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
 def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
     """Run the viewer on a file until it is closed; return the command line.
 
+    OutputError if it cannot be started, or fails.
+
     Args:
-        program: its executable.
-        viewer: its name, by which it has options.
+        program: path of its executable.
+        viewer: name of the format it reads, by which it has options.
         file: to show.
         started: false: run nothing.
-
-    OutputError if it cannot be started, or fails.
     """
     line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(file.resolve())]
     if started:
@@ -110,15 +112,15 @@ def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
 
 
 def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -> tuple[str, str]:
-    """Executable of a viewer, and the format that it reads.
+    """Return the executable of a viewer, and the name of the format that it reads.
 
     Args:
-        named: name or path; None: the first of `PROGRAMS` that is installed.
-        started: whether it must be there.
-        takes: format that it must take; None: any.
+        named: name or path of a program; None: the first of `PROGRAMS` that is installed.
+        started: whether it must be installed.
+        takes: format that it must read; None: any.
 
     Raises:
-        UsageError: it is not installed; how to get one.
+        UsageError: it is not installed, or does not read the format.
     """
     programs = {name: kind for name, kind in PROGRAMS.items() if takes in (None, VIEWERS, kind)}
     if named is not None:

@@ -73,14 +73,14 @@ class ViewerTask:
     Attributes:
         input: run folder, recording or table.
         output: the MCAP file.
-        viewer: `foxglove`: scenes and annotations; `rerun`: clouds of points, which is what Rerun draws of these;
-            `viewers`: both.
+        viewer: `foxglove`: scenes and annotations; `rerun`: point clouds, which Rerun draws instead; `viewers`: both.
         recording: None: that of the folder.
         scene: scene file; None: that of the recording.
-        layout: where to write the layout for Foxglove; None: nowhere.
-        quality: of JPEG images that are made of videos, or made smaller, 1 to 100.
-        height: images higher than this are made smaller [px].
-        every: each topic has one message at most in so long a time, counted from the first time step [s]; None: all.
+        layout: path of a layout file for Foxglove; None: none is written.
+        quality: quality of JPEG images from videos and of reduced images, 1 to 100.
+        height: images higher than this are reduced [px].
+        overwrite: replace existing outputs.
+        every: least time between messages of a topic [s], counted from the first time; None: all are written.
     """
 
     input: Path
@@ -96,9 +96,9 @@ class ViewerTask:
 
 
 def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file for a viewer, and its layout; return summary and losses.
+    """Write the file for a viewer, and its layout; return summary and data losses.
 
-    `quiet`: without notes and progress. InputError if there is nothing to show.
+    `quiet`: no notes and progress. InputError if there is nothing to show.
     """
     files = (request.input, request.recording, request.scene)
     check_outputs(files, (request.output, request.layout), request.overwrite)
@@ -146,7 +146,7 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
 
 
 def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> Iterator[StreamItem]:
-    """Generate the items of the stream; before the first one, static content is written to `sink` at its time."""
+    """Generate the items of the stream unchanged; at the time of the first one, static content is written to `sink`."""
     for n, item in enumerate(items):
         if not n:
             sink.begin(item.frame.t_ns if isinstance(item, ImageOverlay) else item.t_ns, inputs)
@@ -154,7 +154,7 @@ def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> It
 
 
 class _Sink:
-    """Encodes drawings for one viewer, and writes them."""
+    """Encodes drawings for the requested viewer, and writes them as messages of an MCAP file."""
 
     def __init__(self, out: RecordingWriter, inputs: ViewerInputs, request: ViewerTask) -> None:
         self._out, self._inputs, self._request = out, inputs, request
@@ -180,7 +180,7 @@ class _Sink:
             self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
     def write(self, item: StreamItem) -> None:
-        """Write one time step, unless its topic had one in this time interval."""
+        """Write one item, unless messages are thinned and its topic had one in this time interval."""
         if self._thinner is not None and not self._thinner.keeps(item):
             return
         if isinstance(item, SceneDrawing) and item.topic == PARTICLES:
@@ -203,7 +203,7 @@ class _Sink:
             self._message("/log", Log, item.t_ns, message.SerializeToString(deterministic=True))
 
     def _second(self, topic: str) -> str:
-        """Return the topic of Rerun's point cloud for the same layer as `topic`.
+        """Return the topic of Rerun's point cloud for the layer that `topic` shows.
 
         If lines are written as well, it is the same name without the leading slash: Rerun treats both as one.
         """
@@ -245,10 +245,10 @@ class _Sink:
         """Write the shapes of one layer over a frame; without shapes an empty message, which clears the layer.
 
         Args:
-            topic: of the layer.
+            topic: topic of the layer.
             frame: the image.
-            things: its shapes.
-            camera: for points in space; None, or without a pose: they are not written.
+            things: shapes, in pixels.
+            camera: for point clouds; None, or without a pose: none are written.
         """
         if self._lines:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
@@ -257,7 +257,10 @@ class _Sink:
             self._message(self._second(topic), PointCloud, frame.t_ns, data)
 
     def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int], float]:
-        """Compressed image (JPEG if re-encoded), format, size and scale factor."""
+        """Return the compressed image of a frame, its format, size (width, height) [px] and scale factor, at most 1.
+
+        It is encoded again, as JPEG, only if it comes from a video or is reduced.
+        """
         most = self._request.height
         if frame.encoded is not None:
             kind, size = image_kind(frame.encoded), shown_size(frame.encoded)

@@ -22,11 +22,11 @@ NUMBERS = ("i8", "i4", "f8", "f4", "?")
 
 @dataclass(frozen=True)
 class Series:
-    """Messages `occlog.NAME` with fields of type double.
+    """Type of Protobuf messages `occlog.NAME` with fields of type double, for plots over time.
 
     Attributes:
-        name: of the message, within the package `occlog`.
-        fields: their names, in the order of their numbers.
+        name: name of the message, within the package `occlog`.
+        fields: names of the fields, in the order of their numbers.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Series:
 
     @classmethod
     def of_table(cls, table: type[ColumnTable]) -> Series:
-        """Numeric columns of a table, except time and identity."""
+        """Return the type of messages for the numeric columns of a table, except time and identity."""
         names = [c.name for c in table.columns() if c.kind in NUMBERS and not c.width and c.name not in LEFT_OUT]
         return cls(table.NAME.capitalize(), names)
 
@@ -60,7 +60,7 @@ class Series:
 
     @property
     def descriptors(self) -> bytes:
-        """The set of descriptors as MCAP requires it for schemas of protobuf."""
+        """Encoded set of Protobuf descriptors, which MCAP stores as the schema of these messages."""
         found = descriptor_pb2.FileDescriptorSet(file=[self._file])
         data: bytes = found.SerializeToString(deterministic=True)
         return data
@@ -99,18 +99,21 @@ LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 def main_columns(series: Series, values: Sequence[float]) -> tuple[str, ...]:
-    """First choice of columns with known values in a row; the very first choice if there is none."""
+    """Return the names of the main columns to plot of a row: the first choice of which all values are known.
+
+    If there is none, the very first choice. `values`: values of all fields of the series, NaN: unknown.
+    """
     known, choices = dict(zip(series.fields, values, strict=True)), MAIN[series.name]
     return next((names for names in choices if not any(math.isnan(known[name]) for name in names)), choices[0])
 
 
 def main_numbers(series: Series, names: Sequence[str], values: Sequence[float]) -> bytes:
-    """Encode a `std_msgs/msg/Float64MultiArray` in CDR; the label of its dimension lists the columns.
+    """Return a `std_msgs/msg/Float64MultiArray` in CDR; the label of its dimension lists the columns.
 
     Args:
         series: one of those in `MAIN`.
-        names: of the columns that are taken, the same for all messages of a topic, since plotted lines have no names.
-        values: of all its fields; NaN: not known.
+        names: columns to store; the same for all messages of a topic, since plotted lines have no names.
+        values: values of all fields of the series; NaN: unknown.
     """
     known = dict(zip(series.fields, values, strict=True))
     label = ",".join(names).encode() + b"\x00"

@@ -65,7 +65,13 @@ SHADOWS_NS = NS // 5
 
 
 class SceneDrawing(NamedTuple):
-    """Shapes in space that are shown on a topic from the time `t_ns` on."""
+    """Shapes in the world [m] that a viewer shows until the topic's next ones.
+
+    Attributes:
+        topic: topic in the viewer's file.
+        t_ns: time from which they are shown [ns].
+        things: groups of shapes.
+    """
 
     topic: str
     t_ns: int
@@ -73,14 +79,26 @@ class SceneDrawing(NamedTuple):
 
 
 class ImageOverlay(NamedTuple):
-    """A frame, and the shapes over it by layer (see `LAYERS`)."""
+    """A frame of a camera, and the shapes drawn over it.
+
+    Attributes:
+        frame: the frame.
+        layers: groups of shapes by layer (a name in `LAYERS`).
+    """
 
     frame: Frame
     layers: dict[str, list[DrawingGroup]]
 
 
 class Numbers(NamedTuple):
-    """Values of a series at the time `t_ns`, on a topic."""
+    """One sample of a series that a viewer plots over time.
+
+    Attributes:
+        topic: topic in the viewer's file.
+        t_ns: time [ns].
+        series: declaration of the series, with its fields.
+        values: value of each field; NaN: unknown.
+    """
 
     topic: str
     t_ns: int
@@ -89,7 +107,14 @@ class Numbers(NamedTuple):
 
 
 class LogLine(NamedTuple):
-    """Message for the viewer's log at the time `t_ns`; `warns`: as a warning."""
+    """Message for the viewer's log.
+
+    Attributes:
+        t_ns: time [ns].
+        warns: whether it is a warning.
+        source: subject of the message.
+        words: text of the message.
+    """
 
     t_ns: int
     warns: bool
@@ -101,7 +126,7 @@ StreamItem = SceneDrawing | ImageOverlay | Numbers | LogLine
 
 
 class ViewerStream:
-    """Generates everything to show in one pass, in bounded memory."""
+    """Generates everything that a viewer shows, sorted by time, in one pass and bounded memory."""
 
     def __init__(self, inputs: ViewerInputs) -> None:
         """Create the stream; identities are read first, to assign colours."""
@@ -148,7 +173,7 @@ class ViewerStream:
                 yield item
 
     def _note(self, item: SceneDrawing) -> None:
-        """Record how long a drawing is valid: 2.5 times the interval since the previous one, at least 1 s."""
+        """Record how long a drawing is valid: 2.5 times the interval since the previous one of its topic, or 1 s."""
         before = self._stands.get(item.topic)
         elapsed = 0 if before is None else item.t_ns - before[0]
         self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
@@ -156,7 +181,10 @@ class ViewerStream:
             del self._stands[item.topic]
 
     def _ended(self, t_ns: int) -> Iterator[StreamItem]:
-        """Generate messages that clear expired topics, which a viewer would show forever."""
+        """Generate empty drawings that clear topics with drawings that expired before the time `t_ns` [ns].
+
+        A viewer would show the last drawing forever.
+        """
         for topic, (_, until) in list(self._stands.items()):
             if t_ns > until:
                 del self._stands[topic]
@@ -263,12 +291,12 @@ class ViewerStream:
 def _timed(
     order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]
 ) -> Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]:
-    """Generate the parts of a source as (time [ns], rank, function that generates its items).
+    """Generate for each part of a source its time [ns], the rank of the source, and a function for its items.
 
     Args:
         order: rank among sources with parts of the same time.
         rows: parts, in the order of time.
-        show: makes the items of a part.
+        show: generates the items of a part.
     """
     for piece in rows:
         times = piece.t_ns  # type: ignore[attr-defined]
@@ -276,13 +304,13 @@ def _timed(
 
 
 def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[StreamItem]:
-    """Generate the numbers in rows of one time, each on the topic `topic/target`.
+    """Generate the numbers in rows of one time, those of each target on the topic `topic/target`.
 
     Args:
         topic: first part of the topics.
         series: columns that are taken.
-        rows: table, a row for each target.
-        targets: identities of the rows.
+        rows: table with a row for each target.
+        targets: identity of the target of each row.
     """
     columns = [np.asarray(getattr(rows, name), dtype=np.float64).tolist() for name in series.fields]
     t_ns = int(rows.t_ns[0])  # type: ignore[attr-defined]
@@ -291,21 +319,21 @@ def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> It
 
 
 class Thinner:
-    """Keeps the first time step of each topic in each time interval.
+    """Selects the first item of each topic in each time interval, for long recordings.
 
     Each message shows the whole state of its topic, so that any of them may be omitted. Intervals are the same for all
     topics, so that images and drawings correspond. All log lines are kept.
     """
 
     def __init__(self, every_ns: int) -> None:
-        """Start with intervals of `every_ns`, counted from the first time step."""
+        """Start with intervals of the length `every_ns` [ns], counted from the first item."""
         self._every_ns = every_ns
         self._begin: int | None = None
         self._kept: dict[str, int] = {}
         self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, item: StreamItem) -> bool:
-        """Return whether a time step is kept; they must be passed in the order of time."""
+        """Return whether an item is kept; items must be passed in the order of time."""
         if isinstance(item, LogLine):
             return True
         topic, t_ns = (

@@ -27,7 +27,10 @@ from .coordinated_turn import _turned, acceleration_root
 
 
 class AccelerationModel(NamedTuple):
-    """Motion model of a target on d axes: known acceleration, white acceleration noise, known coordinated turn."""
+    """Motion model of a target on d axes, in which three parts act together.
+
+    They are a known acceleration, white acceleration noise, and a coordinated turn by a known lateral acceleration.
+    """
 
     acceleration: Floats  # (d,) known [length/s^2]
     density: Floats  # (d,) of the white acceleration of each axis [length^2/s^3]
@@ -41,9 +44,9 @@ def known_jump(acceleration: Floats, dt: float) -> Floats:
 
 
 def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """Return (d, 2, 2) lower Cholesky factors of the process noise in `dt` [s], one for each of d axes.
+    """Return (d, 2, 2) lower Cholesky factors of the covariance of the process noise in `dt` [s], one for each axis.
 
-    A factor is that of position and velocity of the axis.
+    The covariance is that of position and velocity, in this order, on the axis.
     """
     return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
 
@@ -162,7 +165,10 @@ def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
 
 
 class Walkers(NamedTuple):
-    """Kalman filters of M objects: positions and velocities in the plane, with covariances in (2, 2) blocks."""
+    """Kalman filters of M objects: positions and velocities in the plane, and covariances in three (2, 2) blocks.
+
+    The blocks are of the position, of position (rows) with velocity (columns), and of the velocity.
+    """
 
     xy: Floats  # (M, 2)
     velocity: Floats  # (M, 2) per unit of time

@@ -22,47 +22,51 @@ EXACT = 2.0**53
 
 
 class TableCells(Protocol):
-    """Interface to the rows of a table.
+    """Interface to some rows of a table by column: n rows, and values converted to the requested type.
 
-    Each method returns a column, and raises InputError with the position of a bad cell.
+    Each method that takes a column `name` raises InputError with the position of the first cell that cannot be
+    converted.
     """
 
     def __len__(self) -> int:
         """Number of rows."""
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers; NaN for empty cells if `blank` allows them."""
+        """(n,) finite numbers of a column; empty cells are NaN if `blank` is true, else an error."""
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` replaces empty cells (None: empty cells are an error)."""
+        """(n,) whole numbers of a column; `blank` replaces empty cells (None: empty cells are an error)."""
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones only if `blank` allows them."""
+        """(n,) texts of a column; empty cells are an error unless `blank` is true."""
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers; `ANY_WIDTH`: as many as the first cell has. NaN for empty cells."""
+        """(n, width) numbers of a column of lists; NaN for empty cells.
+
+        `width` `ANY_WIDTH`: as many numbers as in the first list that is not empty.
+        """
 
     def bools(self, name: str) -> Bools:
-        """Return the (n,) booleans of a column."""
+        """(n,) booleans of a column: true, false, yes, no, 1 or 0."""
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]; with an empty `unit`, the unit follows from the size of numbers."""
+        """(n,) times of a column [ns since the Unix epoch]; an empty `unit` of numbers is inferred from their size."""
 
     def steps(self, name: str) -> Floats:
-        """(n,) resolution of each number (value of its last digit or bit), where it may be coarse; else 0."""
+        """(n,) resolution of each number of a column in its unit (value of the last digit or bit); 0 unless coarse."""
 
     def raw(self, name: str) -> list[object]:
-        """Return the (n,) values of a column as in the file."""
+        """(n,) values of a column as in the file."""
 
     def fail(self, row: int, message: str) -> InputError:
-        """InputError with a message and the position of a row."""
+        """InputError, to be raised, with the file, the position of row `row` (from 0 in these rows) and a message."""
 
     def part(self, start: int, stop: int) -> TableCells:
-        """Return the cells of the rows start <= row < stop."""
+        """The cells of the rows start <= row < stop."""
 
 
 class TextCells:
-    """Cells of a text table."""
+    """Cells of a text table (CSV), which parses texts on access."""
 
     def __init__(self, rows: CsvRows) -> None:
         """Create from rows with the file's own column names."""
@@ -73,11 +77,11 @@ class TextCells:
         return len(self._rows)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers; NaN for empty cells if `blank` allows them."""
+        """(n,) finite numbers of a column; empty cells are NaN if `blank` is true, else an error."""
         return self._rows.floats(name, blank=blank)
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` replaces empty cells (None: empty cells are an error)."""
+        """(n,) whole numbers of a column; `blank` replaces empty cells (None: empty cells are an error)."""
         if blank is None:
             return self._rows.ints(name)
         empty = np.isnan(self._rows.floats(name, blank=True))
@@ -85,7 +89,10 @@ class TextCells:
         return CsvRows(self._rows.path, self._rows.lines, {name: filled}, self._rows.location).ints(name)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones only if `blank` allows them."""
+        """(n,) texts of a column; empty cells are an error unless `blank` is true.
+
+        A quote before a formula character, which spreadsheets add, is removed.
+        """
         texts = self._rows.cells[name]
         if not blank and (texts == "").any():
             raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
@@ -93,9 +100,9 @@ class TextCells:
         return np.asarray([plain_text(text) for text in texts.tolist()], np.str_) if marked.any() else texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """Raise InputError, since a text cell holds a single value.
+        """Always raise InputError, since a text cell holds a single value.
 
-        `name` is that of the column, `width` the number of values that it needs.
+        `width` values of the column `name` were expected.
         """
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(
@@ -104,35 +111,38 @@ class TextCells:
         )
 
     def bools(self, name: str) -> Bools:
-        """Return the (n,) booleans of a column."""
+        """(n,) booleans of a column: true, false, yes, no, 1 or 0, in any case of letters."""
         return _yes_or_no(self, name, self._rows.cells[name])
 
     def times(self, name: str, unit: str) -> Ints:
-        """Return the (n,) times of the column `name` [ns since the Unix epoch]; `unit` is that of its numbers."""
+        """(n,) times of the column `name` [ns since the Unix epoch].
+
+        An empty `unit` of numbers is inferred from their size.
+        """
         return parse_times(self._rows, name, unit)
 
     def steps(self, name: str) -> Floats:
-        """(n,) value of the last digit of each number with a positive exponent; else 0."""
+        """(n,) value of the last digit of each number that is written with a positive exponent (`1.2e9`); else 0."""
         return self._rows.steps(name)
 
     def raw(self, name: str) -> list[object]:
-        """Return the (n,) texts of a column as in the file."""
+        """(n,) texts of a column as in the file."""
         return list(self._rows.cells[name].tolist())
 
     def fail(self, row: int, message: str) -> InputError:
-        """InputError with a message and the line of a row."""
+        """InputError, to be raised, with the file, the line of row `row` and a message."""
         return self._rows.fail(row, message)
 
     def part(self, start: int, stop: int) -> TextCells:
-        """Return the cells of the rows start <= row < stop."""
+        """The cells of the rows start <= row < stop."""
         return TextCells(self._rows.pick(np.arange(start, stop)))
 
 
 class ArrowCells:
-    """Cells of Arrow columns in memory, from Parquet and Arrow files."""
+    """Cells of an Arrow record batch in memory, from Parquet and Arrow files."""
 
     def __init__(self, path: Path, batch: pa.RecordBatch, first: int) -> None:
-        """Create from a batch of a file; `first` is the number of its first row in the file."""
+        """Wrap a batch of the file `path`; `first` is the number of the batch's first row in the file, for messages."""
         self._path, self._batch, self._first = path, batch, first
 
     def __len__(self) -> int:
@@ -140,7 +150,7 @@ class ArrowCells:
         return int(self._batch.num_rows)
 
     def steps(self, name: str) -> Floats:
-        """(n,) spacing of floats at the numbers of a float16 or float32 column; else 0."""
+        """(n,) spacing of floating-point numbers at each value of a float16 or float32 column; 0 for other types."""
         kind = self._column(name).type
         if not (pa.types.is_float16(kind) or pa.types.is_float32(kind)):
             return np.zeros(len(self))
@@ -148,7 +158,7 @@ class ArrowCells:
         return np.asarray(np.spacing(np.abs(np.nan_to_num(values))), dtype=np.float64)
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as in the file; None for null."""
+        """(n,) Python values of a column as in the file; None for null."""
         column = self._column(name)
         if not pa.types.is_dictionary(column.type):
             return list(column.to_pylist())
@@ -157,15 +167,18 @@ class ArrowCells:
         return [None if index is None else values[index] for index in column.indices.to_pylist()]
 
     def fail(self, row: int, message: str) -> InputError:
-        """InputError with a message and the number of a row, from 0."""
+        """InputError, to be raised, with the file, the number of row `row` in it (from 0) and a message."""
         return InputError(f"{self._path}: row {self._first + row}: {message}")
 
     def part(self, start: int, stop: int) -> ArrowCells:
-        """Return the cells of the rows start <= row < stop."""
+        """The cells of the rows start <= row < stop."""
         return ArrowCells(self._path, self._batch.slice(start, stop - start), self._first + start)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers, also from texts; NaN for null if `blank` allows it."""
+        """(n,) finite numbers of a column, also parsed from texts; null is NaN if `blank` is true, else an error.
+
+        Integers beyond +-2^53 are an error, since float64 cannot hold them exactly.
+        """
         column = self._column(name)
         if _is_text(_plain(column.type)):
             return self._in_text(name, column).floats(name, blank=blank)
@@ -182,7 +195,10 @@ class ArrowCells:
         return values
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers, also from texts; `blank` replaces null (None: null is an error)."""
+        """(n,) whole numbers of a column, also from texts and floats.
+
+        `blank` replaces null (None: null is an error).
+        """
         column = self._column(name)
         if _is_text(_plain(column.type)):
             return self._in_text(name, column).ints(name, blank=blank)
@@ -203,12 +219,15 @@ class ArrowCells:
         return values.astype(np.int64)
 
     def _in_text(self, name: str, column: pa.Array) -> TextCells:
-        """Cells of a text column, with the parsing rules of text tables."""
+        """Cells of a text column, which are parsed as those of CSV files; `name` is that of the column."""
         texts = to_texts(column, f"{self._path}: column {name}", MAX_CELL)
         return TextCells(CsvRows(self._path, self._first + np.arange(len(self)), {name: texts}, "row"))
 
     def _whole(self, name: str, column: pa.Array) -> pa.Array:
-        """A column as int64; InputError if it is not integral."""
+        """Cast the integers or decimals of a column to int64.
+
+        InputError, with the row, for fractions and larger numbers.
+        """
         try:
             return pc.cast(column, pa.int64())
         except pa.ArrowInvalid:
@@ -221,7 +240,7 @@ class ArrowCells:
             raise
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones only if `blank` allows them. Whole numbers are accepted as names."""
+        """(n,) texts of a column of texts or integers; null and empty texts are an error unless `blank` is true."""
         column = self._column(name)
         if column.null_count and not blank:
             raise self.fail(_first_null(column), f"{name} is null; a text was expected")
@@ -234,7 +253,10 @@ class ArrowCells:
         return texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers; `ANY_WIDTH`: as many as the first cell has. NaN for null."""
+        """(n, width) numbers of a column of lists.
+
+        NaN for null. `ANY_WIDTH`: as many as the first list that is not empty. InputError for a list of another length.
+        """
         column = self._column(name)
         if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
             wanted = "numbers" if width == ANY_WIDTH else f"{width} numbers"
@@ -259,7 +281,7 @@ class ArrowCells:
         return out
 
     def bools(self, name: str) -> Bools:
-        """Return the (n,) booleans of a column."""
+        """(n,) booleans of a column, also from texts and numbers (true, false, yes, no, 1, 0); null is an error."""
         column = self._column(name)
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
@@ -271,9 +293,10 @@ class ArrowCells:
         return _yes_or_no(self, name, to_texts(column, f"{self._path}: column {name}", MAX_CELL))
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch] from timestamps, integers, fractions of a second, or texts.
+        """(n,) times of a column [ns since the Unix epoch], from timestamps, durations, numbers or texts.
 
-        `unit` is that of numbers; InputError for nulls, dates, and times of a day.
+        `unit` is that of numbers; empty: inferred from their size. InputError for nulls, dates, times of a day, and
+        floats that resolve time too coarsely.
         """
         column = self._column(name)
         if column.null_count:
@@ -316,7 +339,7 @@ class ArrowCells:
     def _check_steps(self, name: str, unit: str) -> None:
         """InputError for times in floats of insufficient precision: since 1970, float32 resolves 128 s only.
 
-        `unit` is that of the column's numbers.
+        `name` is that of the column, `unit` the unit of its numbers.
         """
         steps = self.steps(name) * UNITS[unit]
         if (steps > COARSEST_NS).any():
@@ -335,7 +358,7 @@ class ArrowCells:
 
 
 def _beyond(column: pa.Array) -> Bools:
-    """(n,) mask of integers too large to be exact in float64."""
+    """(n,) mask of integers beyond +-2^53, which float64 cannot hold exactly; all False for other types."""
     if column.type not in (pa.int64(), pa.uint64()):
         return np.zeros(len(column), dtype=np.bool_)
     whole: Ints = to_numpy(pc.fill_null(column, 0)).astype(np.uint64 if column.type == pa.uint64() else np.int64)
@@ -354,7 +377,7 @@ def _yes_or_no(cells: TableCells, name: str, texts: Strings) -> Bools:
 
 
 def _plain(kind: pa.DataType) -> pa.DataType:
-    """Value type of a column, decoded if it is dictionary-encoded."""
+    """Type of the values of a column: of a dictionary-encoded column that of the dictionary, else `kind` itself."""
     return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 

@@ -27,13 +27,13 @@ X, Y, Z = POSITION = ("x_m", "y_m", "z_m")
 
 
 class GeodeticColumns(NamedTuple):
-    """Names of columns with geodetic positions.
+    """Names of the columns of a table that hold geodetic positions (WGS 84).
 
     Attributes:
-        latitude: of the column [deg].
-        longitude: of the column [deg].
-        height: of the column [m]; empty: there is none, or it is not used.
-        unused: of a column of heights that is not used, since the origin states none.
+        latitude: name of the column of latitudes [deg].
+        longitude: name of the column of longitudes [deg].
+        height: name of the column of heights [m]; empty: there is none, or it is not used.
+        unused: name of a column of heights that is not used, since the scene's origin states no height; empty: none.
     """
 
     latitude: str
@@ -43,24 +43,24 @@ class GeodeticColumns(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the file's columns that positions are computed from."""
+        """Names of the file's columns from which positions are computed."""
         return [name for name in self[:3] if name]
 
     def replaced(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Column names of a table, with geodetic ones replaced by those of positions in the scene."""
+        """Column names with those of longitude, latitude and height replaced by `x_m`, `y_m` and `z_m`."""
         ours = {self.longitude: X, self.latitude: Y, self.height: Z}
         return tuple(ours.get(name, name) if name else name for name in names)
 
     def read(self, names: Sequence[str]) -> list[str]:
-        """Columns of the file that are needed for the table columns `names`."""
+        """Columns of the file that are needed for the columns `names`, of which `x_m`, `y_m` and `z_m` are computed."""
         own = [name for name in names if name not in POSITION]
         return [*own, *(name for name in self.names if name not in own)] if len(own) < len(names) else own
 
 
 def geodetic_columns(names: Sequence[str]) -> GeodeticColumns | None:
-    """Geodetic columns of a table with the columns `names`; None if missing, or if it has positions in the scene.
+    """Geodetic columns among the column names of a table; None without latitude or longitude, or if it has x or y.
 
-    Heights are used only if the origin states its own height.
+    A column of heights is used only if the scene's origin, which the user states, has a height.
     """
     there = {plain_name(name): name for name in reversed(names)}
     latitude, longitude = (_first(there, known) for known in (LATITUDES, LONGITUDES))
@@ -75,10 +75,13 @@ def _first(there: dict[str, str], known: Sequence[str]) -> str:
 
 
 class GeodeticCells:
-    """Cells of a table with geodetic positions."""
+    """Cells of a table in which geodetic positions appear as columns `x_m`, `y_m` and `z_m` of scene positions.
+
+    All other columns are those of the wrapped cells.
+    """
 
     def __init__(self, path: Path, cells: TableCells, columns: GeodeticColumns) -> None:
-        """Wrap the cells of a file with latitudes and longitudes in `columns`."""
+        """Wrap the cells of the file `path`, which has latitudes and longitudes in `columns`."""
         self._path, self._cells, self._columns = path, cells, columns
         self._xyz: Floats | None = None
 
@@ -87,9 +90,10 @@ class GeodeticCells:
         return len(self._cells)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) numbers of the column `name`; x, y and z are converted from geodetic positions to the scene [m].
+        """(n,) numbers of a column; `x_m`, `y_m` and `z_m` are scene positions [m], computed from geodetic ones.
 
-        `blank`: empty cells are NaN rather than an error.
+        Empty cells of other columns are NaN if `blank` is true, else an error; those of geodetic columns are always an
+        error.
         """
         if name not in POSITION:
             return self._cells.floats(name, blank=blank)
@@ -104,7 +108,7 @@ class GeodeticCells:
         return self._xyz[:, POSITION.index(name)]
 
     def steps(self, name: str) -> Floats:
-        """(n,) resolution of each number, where it may be coarse; of positions in metres."""
+        """(n,) resolution of each number of a column, if coarse, else 0; that of degrees converted to metres."""
         if name not in POSITION:
             return self._cells.steps(name)
         if name == Z:
@@ -112,33 +116,36 @@ class GeodeticCells:
         return METRES_PER_DEGREE * self._cells.steps(self._columns.latitude if name == Y else self._columns.longitude)
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` for cells that are empty; None: none may be."""
+        """(n,) whole numbers of a column; `blank` replaces empty cells (None: empty cells are an error)."""
         return self._cells.ints(name, blank=blank)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones only if `blank` allows them."""
+        """(n,) texts of a column; empty cells are an error unless `blank` is true."""
         return self._cells.texts(name, blank=blank)
 
     def lists(self, name: str, width: int) -> Floats:
-        """Return (n, width) numbers of a list column."""
+        """(n, width) numbers of a column of lists."""
         return self._cells.lists(name, width)
 
     def bools(self, name: str) -> Bools:
-        """Return the (n,) booleans of a column."""
+        """(n,) booleans of a column."""
         return self._cells.bools(name)
 
     def times(self, name: str, unit: str) -> Ints:
-        """Return the (n,) times of the column `name` [ns since the Unix epoch]; `unit` is that of its numbers."""
+        """(n,) times of the column `name` [ns since the Unix epoch].
+
+        An empty `unit` of numbers is inferred from their size.
+        """
         return self._cells.times(name, unit)
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as in the file; positions in the scene."""
+        """(n,) values of a column as in the file; of `x_m`, `y_m` and `z_m` the computed scene positions [m]."""
         return list(self.floats(name, blank=True).tolist()) if name in POSITION else self._cells.raw(name)
 
     def fail(self, row: int, message: str) -> InputError:
-        """InputError with a message and the position of a row."""
+        """InputError, to be raised, with the file, the position of row `row` and a message."""
         return self._cells.fail(row, message)
 
     def part(self, start: int, stop: int) -> GeodeticCells:
-        """Return the cells of the rows start <= row < stop."""
+        """The cells of the rows start <= row < stop."""
         return GeodeticCells(self._path, self._cells.part(start, stop), self._columns)

@@ -136,7 +136,7 @@ def plain_name(name: str) -> str:
 
 
 class Spelling(NamedTuple):
-    """A table column as spelled in a file: name and unit."""
+    """A column of an occlog table, with the name and unit under which a file has it."""
 
     column: Column
     name: str  # of the file's column
@@ -148,22 +148,22 @@ class Spelling(NamedTuple):
 
     @property
     def time_unit(self) -> str:
-        """Time unit; empty if not stated (inferred from the size of the numbers)."""
+        """Unit of times, if the name or the user states it; empty: it is inferred from the size of the numbers."""
         return self.unit if self.stated else ""
 
     @property
     def compass(self) -> bool:
-        """Whether it is a compass angle, clockwise from north, rather than from +x towards +y."""
+        """Whether it is an angle clockwise from north (column `compass`), and not from +x towards +y."""
         return self.column.unit == "rad" and plain_name(self.name).startswith(COMPASS)
 
 
 class TableLayout(NamedTuple):
-    """Mapping of a file's columns to those of a table.
+    """Mapping of a file's columns to those of an occlog table.
 
     Attributes:
-        table: the table.
-        columns: those that the file has.
-        missing: names of columns that the table requires and the file has not.
+        table: the occlog table.
+        columns: columns of the table that the file has, each with its name and unit in the file.
+        missing: names of columns that the table requires and the file lacks.
     """
 
     table: type[ColumnTable]
@@ -177,19 +177,22 @@ class TableLayout(NamedTuple):
 
     @property
     def similarities(self) -> tuple[int, int]:
-        """Match quality: number of file columns used, and how many of them have the table's own names."""
+        """How well the file matches the table: number of file columns used, and how many have the table's own names."""
         own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
         return len({s.name for s in self.columns}), own
 
     @property
     def length_unit(self) -> str | None:
-        """Length unit stated by the column names; None if not stated."""
+        """Unit that the names of length columns state (`x_cm`); None if they state none."""
         units = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
         return next(iter(units), None)
 
 
 def frame_column(names: Sequence[str]) -> str | None:
-    """Column of frame numbers among the columns `names` of a file; None if missing, or if the file has times."""
+    """Name of the column of frame numbers among the columns `names` of a file.
+
+    None if there is none, or if the file has times.
+    """
     there = {plain_name(name): name for name in reversed(names)}
     if any(name in there for known in TIME_COLUMNS.values() for name in known):
         return None
@@ -197,7 +200,7 @@ def frame_column(names: Sequence[str]) -> str | None:
 
 
 def is_in_time(names: Sequence[str]) -> bool:
-    """Whether a file with the columns `names` has times or frame numbers."""
+    """Whether one of the column names of a file is that of times or frame numbers."""
     there = {plain_name(name) for name in names}
     return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
 
@@ -205,13 +208,13 @@ def is_in_time(names: Sequence[str]) -> bool:
 def lay_out(
     names: Sequence[str], table: type[ColumnTable], fps: Fraction | None = None, path: Path | None = None
 ) -> TableLayout:
-    """Find the columns of a table among the column names of a file.
+    """Match the column names of a file with the columns of a table, by known names and endings of units.
 
     Args:
         names: of the file's columns, in any case of letters.
-        table: with columns that are searched for.
-        fps: frames per second of a file that counts frames; None: such a file has no times.
-        path: the file, of which units may be stated.
+        table: the table.
+        fps: frames per second, which makes a column of frame numbers one of times; None: it is not used for times.
+        path: the file, for which the user may have stated units; None: unknown.
 
     Raises:
         InputError: two columns have one meaning, an angle does not state its unit, lengths are in several units, or a
@@ -244,7 +247,10 @@ def lay_out(
 
 
 def kind_of(column: Column) -> str:
-    """Quantity of a column for which a unit can be stated: `time`, `interval`, `angle` or `length`; else empty."""
+    """Kind of quantity in a column, if a file can state its unit; otherwise empty.
+
+    The kinds are `time`, `interval` (time difference), `angle` and `length`.
+    """
     if column.name == TIME:
         return "time"
     if _is_time_difference(column):
@@ -253,14 +259,25 @@ def kind_of(column: Column) -> str:
 
 
 def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
-    """Unit in a file's column name; empty if there is none, or for times in seconds by default."""
+    """Unit that the column name in a file states (`x_cm`: `cm`).
+
+    Empty if none, also for times that are in s by default.
+
+    Args:
+        table: the table.
+        column: its column that the name means.
+        name: as in the file.
+    """
     low = plain_name(name)
     unit = spellings(column, table).get(low, "")
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
 
 def spellings(column: Column, table: type[ColumnTable] | None = None) -> Mapping[str, str]:
-    """Accepted names of a table column, its own name first, with the unit of each."""
+    """Names that a file may have for a table column, in lower case, each with the unit it states (empty: none).
+
+    The column's own name comes first. `table` adds names that are accepted in this table only; None: no such names.
+    """
     return _spellings(column, "" if table is None else table.NAME)
 
 
@@ -284,18 +301,26 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Whether a column is a time difference [s] without the unit in its name."""
+    """Whether a column is a time difference [s] without the ending `_s` in its own name (files must state its unit)."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 
 def ending(column: Column, unit: str) -> str:
-    """Ending of a column name for lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
+    """Ending of the name of a length, area or speed column for a unit of length.
+
+    For cm it is `_cm`, `_cm2`, `_cm_s`, `_cm2_s` or `_cm2_s2`, by the unit of the column (m, m^2, m/s, ...).
+    """
     length, per_second = POWERS[column.unit]
     return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
 
 
 def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
-    """Description of the columns that a file lacks for a table, with its most similar names."""
+    """Text on the required columns that a file lacks for a table, with similar names of unused columns.
+
+    Args:
+        layout: the table, and the columns found.
+        names: of all columns of the file.
+    """
     used = {s.name for s in layout.columns}
     left = [name for name in names if name not in used][:COMPARED]
     one_of = [name for name in ONE_OF.get(layout.table.NAME, ()) if name in layout.missing]
@@ -317,7 +342,7 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
-    """Message about an unused column with a name similar to that of a missing one; None if there is none.
+    """Message about an unused file column with a name similar to that of an absent table column; None if there is none.
 
     `names` are those of all columns of the file.
     """
@@ -335,13 +360,16 @@ def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
 
 @cache
 def _sought(table: type[ColumnTable]) -> tuple[tuple[Column, Mapping[str, str], bool], ...]:
-    """Columns of a table, with their accepted names and whether they are required."""
+    """Columns of a table, each with its accepted names (and their units), and whether it is required."""
     return tuple((c, _spellings(c, table.NAME), _is_wanted(c, table.NAME)) for c in table.columns())
 
 
 @cache
 def _columns_by_name(table: type[ColumnTable]) -> Mapping[str, tuple[int, ...]]:
-    """Indices of the table columns that a name (or the name of the opposite edge) can mean."""
+    """For each name that a file column can have, the indices of the table's columns that it can mean.
+
+    Names of right and lower edges of boxes stand for width and height.
+    """
     out: dict[str, tuple[int, ...]] = {}
     for number, (column, known, _) in enumerate(_sought(table)):  # type: ignore[arg-type]
         edge, others = EDGES.get(column.name, ("", ()))
@@ -371,7 +399,10 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
 
 
 def _is_wanted(column: Column, table: str) -> bool:
-    """Whether a column is required in a table."""
+    """Whether a file must have a column of the table named `table`.
+
+    It need not if the column is optional, may be NaN, or has a default (`FILLED`), except for columns in `WANTED`.
+    """
     if column.name in WANTED.get(table, ()):
         return True
     may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table, {})
@@ -379,7 +410,7 @@ def _is_wanted(column: Column, table: str) -> bool:
 
 
 def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
-    """InputError for a used column name that two columns share, such as names that differ in case only."""
+    """InputError if the file has two columns of one name, up to case, brackets of units and so on, and it is used."""
     used = {plain_name(name) for name in layout.names}
     first: dict[str, str] = {}
     for name in names:

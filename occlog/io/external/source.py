@@ -48,8 +48,8 @@ class ArrowMessageHeader(NamedTuple):
     """Sizes declared in the header of an Arrow message.
 
     Attributes:
-        rows: of a batch; of a dictionary none.
-        unpacked: what its buffers unpack to [bytes]; those that are not packed do not count.
+        rows: number of rows of a record batch; 0 for a dictionary or schema.
+        unpacked: size of its compressed buffers after decompression [bytes]; other buffers do not count.
     """
 
     rows: int
@@ -57,7 +57,10 @@ class ArrowMessageHeader(NamedTuple):
 
 
 def messages(path: Path) -> Iterator[ArrowMessageHeader]:
-    """Headers of the batches and dictionaries of an Arrow file or stream; ValueError for damaged headers."""
+    """Yield the declared sizes of each message (batch, dictionary, schema) of an Arrow file or stream.
+
+    ValueError for damaged headers.
+    """
     with path.open("rb") as file:
         data = _Bytes(file.fileno(), os.fstat(file.fileno()).st_size)
         is_file = file.read(len(FILE_MAGIC)) == FILE_MAGIC
@@ -66,20 +69,23 @@ def messages(path: Path) -> Iterator[ArrowMessageHeader]:
 
 
 class _Bytes(NamedTuple):
-    """Random access to the bytes of a file."""
+    """Random access to the bytes of an open file: `file` is its descriptor, `size` its length [bytes]."""
 
     file: int
     size: int
 
     def read(self, at: int, size: int) -> bytes:
-        """Read `size` bytes at a position; ValueError beyond the end of the file."""
+        """Read `size` bytes at the offset `at`; ValueError beyond the end of the file."""
         if at < 0 or not 0 <= size <= self.size - at:
             raise ValueError(f"the Arrow message at byte {at} is truncated")
         return os.pread(self.file, size, at)
 
 
 class _Table:
-    """A FlatBuffers table: fields by number, located by its offset table."""
+    """A FlatBuffers table in `data` at offset `at`.
+
+    Its fields are found by number through its offset table (vtable).
+    """
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at = data, at
@@ -92,25 +98,30 @@ class _Table:
         return struct.unpack_from(form, self._data, at)[0]
 
     def _offset_of(self, field: int) -> int:
-        """Offset of a field; 0 if missing."""
+        """Offset in `data` of the field with number `field`; 0 if the table does not store it."""
         entry = 4 + 2 * field
         offset = self._number("<H", self._offsets + entry) if entry + 2 <= self._size else 0
         return self._at + offset if offset else 0
 
     def number(self, field: int, form: str) -> int:
-        """Number in a field (by its index), of the layout `form` (`struct`); 0 if missing."""
+        """Number in the field with number `field`, of the `struct` format `form`; 0 if the table does not store it."""
         index = self._offset_of(field)
         return int(self._number(form, index)) if index else 0
 
     def table(self, field: int) -> _Table | None:
-        """Nested table in a field; None if missing."""
+        """Nested table in the field with number `field`; None if missing."""
         index = self._offset_of(field)
         return _Table(self._data, index + self._number("<I", index)) if index else None
 
     def structs(self, field: int, form: str) -> list[tuple[int, ...]]:
-        """Entries of a vector of structs; empty if missing, ValueError if it is longer than the header.
+        """Entries of a vector of structs in a field; empty if missing.
 
-        `field` is its number, `form` the layout of one entry (`struct`).
+        Args:
+            field: number of the field.
+            form: `struct` format of one entry.
+
+        Raises:
+            ValueError: the vector is longer than the header.
         """
         index = self._offset_of(field)
         if not index:
@@ -129,7 +140,7 @@ def _root(data: bytes) -> _Table:
 
 
 def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
-    """Header of the message at a byte position, and the position of its body."""
+    """Header table of the Arrow message at the byte offset `at`, and the offset of the message's body."""
     mark, length = struct.unpack("<4si", file.read(at, 8))
     if mark != STREAM_MAGIC:
         raise ValueError(f"no Arrow message begins at byte {at}")
@@ -137,7 +148,7 @@ def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
 
 
 def _places_of_file(file: _Bytes) -> Iterator[int]:
-    """Iterate over the offsets of messages in a file, by its footer."""
+    """Yield the byte offsets of all dictionaries and batches of an Arrow file, as listed in its footer."""
     end = 4 + len(FILE_MAGIC)
     length, magic = struct.unpack(f"<i{len(FILE_MAGIC)}s", file.read(file.size - end, end))
     if magic != FILE_MAGIC or not 0 <= length <= file.size - end:
@@ -149,7 +160,7 @@ def _places_of_file(file: _Bytes) -> Iterator[int]:
 
 
 def _places_of_stream(file: _Bytes) -> Iterator[int]:
-    """Iterate over the offsets of messages in a stream, up to its end mark or the end of the file."""
+    """Yield the byte offsets of all messages of an Arrow stream, up to its end mark or the end of the file."""
     at = 0
     while at + 8 <= file.size and file.read(at, 8) != STREAM_MAGIC + bytes(4):
         head, body = _head(file, at)
@@ -190,19 +201,19 @@ WHAT = "a table"
 
 
 class ColumnSource(NamedTuple):
-    """A file with named columns.
+    """A file with named columns that may hold an external table.
 
     Attributes:
         path: the file.
         kind: `CSV`, `Parquet`, `Arrow`, or a format of trajectories; a file that a plug-in reads is a CSV.
         names: of its columns.
-        trajectories: how to read a format of trajectories; None: the file is of another kind.
-        table: name of the table that a plug-in states it holds; empty: it is known by its columns.
-        commented: names of columns are in a first line that begins with `#`.
-        parts: files of a table that is a folder of Parquet, in order; else none.
-        fps: frames per second, where the columns count frames and state no times; None: not stated.
-        nested: columns with several values in a row, which lists and structures are.
-        geodetic: columns with positions on the earth, in place of which `names` has those in the scene; None: none.
+        trajectories: reader of a format of trajectories; None: the file is of another kind.
+        table: name of the table that a plug-in states it holds; empty: it is recognised by its columns.
+        commented: the names of columns are in a first line that begins with `#`.
+        parts: files of a table that is a folder of Parquet, in order; else empty.
+        fps: frames per second, if the columns count frames and state no times; None: not stated.
+        nested: names of columns of lists or structures.
+        geodetic: columns of geodetic positions, which `names` has as scene positions; None: none.
     """
 
     path: Path
@@ -223,7 +234,7 @@ class ColumnSource(NamedTuple):
 
     @property
     def rows(self) -> int | None:
-        """Number of rows of a Parquet file; None for other formats, which do not state it."""
+        """Number of rows of a Parquet file or folder; None for other formats, which do not state it."""
         if self.kind != "Parquet":
             return None
         total = 0
@@ -233,7 +244,10 @@ class ColumnSource(NamedTuple):
         return total
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of the columns `names`, in parts, in file order."""
+        """Yield the cells of the columns `names` in parts, in file order.
+
+        Geodetic positions are converted to the scene.
+        """
         if self.geodetic is None:
             yield from self._plain_cells(names)
             return
@@ -241,7 +255,7 @@ class ColumnSource(NamedTuple):
             yield GeodeticCells(self.path, cells, self.geodetic)
 
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of the columns `names` as stored in the file, in parts."""
+        """Yield the cells of the columns `names` as stored in the file, in parts, in file order."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
             return
@@ -261,7 +275,7 @@ class ColumnSource(NamedTuple):
 
 
 def find_source(path: Path) -> ColumnSource | None:
-    """Open the columns of a file; None if it is not an external table.
+    """Recognise the format and columns of a file (or Parquet folder); None if it is not an external table.
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
 
@@ -281,10 +295,13 @@ def find_source(path: Path) -> ColumnSource | None:
 
 
 def parquet_parts(folder: Path) -> tuple[Path, ...]:
-    """Parquet files of a folder that is one table, sorted by path; empty if the folder holds anything else.
+    """Parquet files of a folder that is one table, sorted by path; empty if the folder holds any other file.
 
-    Spark, Dask, DuckDB and pandas write such folders; in a folder `id=3` all rows have that value. Files beginning with
-    `_` or `.` are metadata of these programs.
+    Spark, Dask, DuckDB and pandas write such folders; in a subfolder `id=3` all rows have that value. Files beginning
+    with `_` or `.` are metadata of these programs.
+
+    Raises:
+        InputError: there are more than `MAX_PARTS` files.
     """
     found = []
     for path in sorted(islice(folder.rglob("*"), MAX_PARTS + 1)):
@@ -299,14 +316,17 @@ def parquet_parts(folder: Path) -> tuple[Path, ...]:
 
 
 def _values_of_folders(folder: Path, part: Path) -> dict[str, str]:
-    """Constant columns of a part, from folder names such as `id=3`."""
+    """Values that subfolders state for all rows of a file in a Parquet folder: in `id=3` it is {"id": "3"}."""
     names = part.relative_to(folder).parts[:-1] if part != folder else ()
     pairs = (name.partition("=") for name in names)
     return {key: unquote(value) for key, mark, value in pairs if key and mark}
 
 
 def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.RecordBatch:
-    """Return a batch with constant columns added (`values` by name), as integers if the value is one."""
+    """Append constant columns to a batch.
+
+    `values` are texts by column name, which become integers if they are whole numbers.
+    """
     for name, text in values.items():
         value: int | str = int(text) if _WHOLE.fullmatch(text) else text
         batch = batch.append_column(name, pa.array([value] * batch.num_rows))
@@ -314,7 +334,11 @@ def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.Reco
 
 
 def _find_parts(folder: Path) -> ColumnSource | None:
-    """Open the columns of a Parquet folder; None for other folders; InputError if parts have different columns."""
+    """Columns of a folder that is a table in Parquet files; None for other folders.
+
+    Raises:
+        InputError: the files have different columns.
+    """
     parts, first = parquet_parts(folder), None
     for part in parts:
         of_folders = list(_values_of_folders(folder, part))
@@ -374,7 +398,7 @@ def _nested(schema: pa.Schema) -> tuple[str, ...]:
 
 
 def _names_times(names: Sequence[str]) -> bool:
-    """Whether one of the column names is of times."""
+    """Whether one of the column names of a file is that of times."""
     return any(plain_name(name) in spelled for name in names for spelled in TIME_COLUMNS.values())
 
 
@@ -391,7 +415,7 @@ def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatch
 
 
 def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """Generate batches of the columns `names`, with at most `ROWS` rows; `kind` is `Parquet` or `Arrow`."""
+    """Yield record batches of the columns `names` of a file, of at most `ROWS` rows; `kind` is `Parquet` or `Arrow`."""
     if kind == "Parquet":
         with open_parquet(path) as file:
             found = (_validated(batch) for batch in batches(file, ROWS, names))
@@ -415,13 +439,16 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """Validate offsets, dictionary indices and UTF-8 texts of a batch, which the library does not check."""
+    """Return the batch after validation of offsets, dictionary indices and UTF-8.
+
+    pyarrow does not check these on reading. ValueError (ArrowInvalid) if it is invalid.
+    """
     batch.validate(full=True)
     return batch
 
 
 def _check_messages(path: Path) -> None:
-    """InputError for an Arrow file with messages that declare more than a file of its size can hold."""
+    """InputError if all messages of an Arrow file declare more rows or bytes than a file of its size can hold."""
     size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
         rows, unpacked = rows + message.rows, unpacked + message.unpacked
@@ -430,7 +457,7 @@ def _check_messages(path: Path) -> None:
 
 @contextmanager
 def _translated(path: Path, kind: str) -> Iterator[None]:
-    """Context manager that converts every failure of the library to InputError; `kind` is `Parquet` or `Arrow`."""
+    """Context manager that converts all exceptions of pyarrow to InputError; `kind` is `Parquet` or `Arrow`."""
     try:
         yield
     except InputError:

@@ -53,12 +53,12 @@ FARTHEST_RAD = 4 * np.pi
 
 @dataclass
 class ExternalTable:
-    """A file with columns that fit an occlog table.
+    """A file of another program with columns that fit an occlog table, and its conversion.
 
     Attributes:
         source: the file.
-        layout: layout of the table that fits it best.
-        wanted_unit: unit of length of the rows; None: as the file has them.
+        layout: mapping of its columns to those of the table that fits best.
+        wanted_unit: unit of length to which rows are converted; None: as the file has them.
     """
 
     source: ColumnSource
@@ -67,7 +67,7 @@ class ExternalTable:
 
     @property
     def length_unit(self) -> str | None:
-        """Length unit of the file; None: that of the scene with which it is used."""
+        """Length unit of converted rows; None: the file states none, and they are in that of the scene."""
         return self.wanted_unit if self.wanted_unit is not None else self.layout.length_unit
 
     @property
@@ -76,11 +76,14 @@ class ExternalTable:
         return any(s.column.unit in POWERS for s in self.layout.columns)
 
     def fits(self, table: type[ColumnTable]) -> bool:
-        """Whether the file has all required columns of a table."""
+        """Whether the file has all required columns of `table`."""
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
-        """The variant of a table with most columns that are all in the file."""
+        """The variant of `table` with the most additional columns, all of which the file has.
+
+        `table` itself if there is none.
+        """
         found = table
         for wider in WIDER:
             if not issubclass(wider, table) or not fields_of(found) < fields_of(wider):
@@ -91,15 +94,15 @@ class ExternalTable:
         return found
 
     def layout_of(self, table: type[ColumnTable]) -> TableLayout:
-        """Layout of a table in the file; errors name the file."""
+        """Mapping of the file's columns to those of `table`; InputError, with the file, if they are ambiguous."""
         if self.layout.table is table:
             return self.layout
         return _lay_out(self.source, table)
 
     def convert_to(self, length_unit: str) -> None:
-        """Convert lengths to `length_unit` when rows are read, if the file states its own unit.
+        """Set `length_unit` as the unit to which lengths are converted when rows are read, if the file states its own.
 
-        InputError for a unit that is not a length.
+        InputError if one of the two units is not a known length (as `unit`).
         """
         own = self.layout.length_unit
         if own is None or own == length_unit:
@@ -112,11 +115,13 @@ class ExternalTable:
         self.wanted_unit = length_unit
 
     def rows(self, table: type[T]) -> Iterator[T]:
-        """Generate the rows of a table sorted by its key; rows of one time are in one part.
+        """Yield the rows as `table`, sorted by its key, in parts; all rows of one time are in one part.
+
+        A file that is not sorted by time is held in memory.
 
         Raises:
-            InputError: columns are missing, a cell cannot be read, a person is twice at one time, a row occurs
-                twice.
+            InputError: columns are missing, a cell cannot be read, an identity is twice at one time, or a row is
+                repeated.
         """
         layout = self.layout_of(table)
         check_fits(self.source, layout)
@@ -128,7 +133,10 @@ class ExternalTable:
             yield made
 
     def _in_order(self, layout: TableLayout) -> Iterator[Values]:
-        """Generate the column values sorted by time; parts end between two times."""
+        """Yield the column values (by table column) sorted by time, in parts that do not split a time.
+
+        InputError if rows that must be held for this need more memory than a file of its size may.
+        """
         if self._is_in_order(layout):
             parts = self._parts(layout)
         else:
@@ -154,7 +162,7 @@ class ExternalTable:
             yield held
 
     def _check_held(self, parts: Iterable[Values]) -> None:
-        """InputError if rows held for sorting (`parts`) need more memory than allowed for a file of its size."""
+        """InputError if the column values `parts`, held for sorting, take more memory than a file of its size may."""
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
@@ -164,7 +172,7 @@ class ExternalTable:
             )
 
     def _is_in_order(self, layout: TableLayout) -> bool:
-        """Whether the times of the file never decrease, by a pass over the time column."""
+        """Whether the times in the file never decrease; reads the whole time column."""
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
         for cells in self.source.cells([time.name]):
@@ -175,7 +183,10 @@ class ExternalTable:
         return True
 
     def _parts(self, layout: TableLayout) -> Iterator[Values]:
-        """Generate the column values by table names, in file order; `_row` counts from 0."""
+        """Yield the values (n,) of the table's columns by name, in parts, in file order.
+
+        `_row` has the row number, from 0.
+        """
         first = 0
         for cells in self.source.cells(layout.names):
             if not len(cells):
@@ -186,7 +197,10 @@ class ExternalTable:
             yield values
 
     def _part(self, cells: TableCells, layout: TableLayout) -> Values:
-        """Column values of some cells, by table names; InputError with the position of a bad cell."""
+        """Values of some rows in the table's units, by table column; right and lower box edges become sizes.
+
+        InputError, with the position of the cell, for a value that is invalid or out of range.
+        """
         values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
         for s in layout.columns:
             near = values.get({"width_px": "left_px", "height_px": "top_px"}.get(s.column.name, ""))
@@ -198,7 +212,11 @@ class ExternalTable:
         return values
 
     def table_of(self, cells: TableCells) -> ColumnTable:
-        """Convert cells to the best fitting table, sorted by its key; InputError as for `rows`."""
+        """Convert cells of the file to the best fitting table, sorted by its key.
+
+        Raises:
+            InputError: a cell cannot be read, or an identity is twice at one time.
+        """
         values = self._part(cells, self.layout)
         values["_row"] = np.arange(len(cells))
         values = _pick(values, np.argsort(values[TIME], kind="stable"))
@@ -206,16 +224,19 @@ class ExternalTable:
         return _as_table(self.source, table, _filled(values, table, _FrameCount()), values["_row"])
 
     def cells(self) -> Iterator[TableCells]:
-        """Generate the cells of the used columns, in parts, in file order."""
+        """Yield the cells of the file columns that the best fitting table uses, in parts, in file order."""
         yield from self.source.cells(self.layout.names)
 
     def times_of(self, cells: TableCells) -> Ints:
-        """(n,) times [ns] of some cells, in file order."""
+        """(n,) times [ns since the Unix epoch] of some rows, in file order."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
         return _times(cells, time)
 
     def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
-        """Sensor and identity (n,) of some cells, in file order, if the file has them."""
+        """For each of n rows, in file order, the raw values that say of whom it is (sensor, identity, tag), as a tuple.
+
+        Columns that the file lacks are left out.
+        """
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
@@ -225,8 +246,8 @@ class ExternalTable:
 
         Args:
             cells: rows of the file.
-            s: column, and the name and unit that it has in the file.
-            layout: of the table, which decides what stands for empty cells.
+            s: the column, with its name and unit in the file.
+            layout: of the table, which decides on what replaces empty cells.
 
         Returns:
             (n,), or (n, width) of a column of lists.
@@ -272,7 +293,10 @@ class ExternalTable:
 
 
 def _times(cells: TableCells, s: Spelling) -> Ints:
-    """(n,) times [ns] from a column of times, or of frame numbers with a frame rate; `s` is the column's spelling."""
+    """(n,) times [ns since the Unix epoch] from a column of times, or from frame numbers (from 0) and a frame rate.
+
+    `s` has the column's name, unit and frame rate.
+    """
     if s.fps is None:
         return cells.times(s.name, s.time_unit)
     frames = cells.ints(s.name, blank=None)
@@ -292,14 +316,14 @@ _OF_A_TARGET = re.compile(r"x_?\d+(?:_m|_mm|_cm)?")
 
 
 def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> TableLayout:
-    """Layout of the table, among several, that uses most columns of a file.
+    """Mapping of a file's columns to the table, among several, that uses most of them.
 
     Args:
         source: the file.
-        tables: those that it may be; none: any.
+        tables: candidates; empty: all tables.
 
     Raises:
-        InputError: it fits none; the message lists the missing columns of the nearest.
+        InputError: it fits none; the message lists the columns that the most similar table lacks.
     """
     if sum(_OF_A_TARGET.fullmatch(name.lower()) is not None for name in source.names) > 2:
         raise InputError(
@@ -338,7 +362,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
 
 
 def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
-    """Layout of a table in a file; errors name the file."""
+    """Mapping of the columns of a file to those of `table`; InputError, with the file, if they are ambiguous."""
     try:
         return lay_out(source.names, table, source.fps, source.path)
     except InputError as error:
@@ -346,16 +370,17 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
-    """Whether no used column refers to readers or tags although unused columns remain (an ambiguous match).
+    """Whether a match with the table of tag reads is doubtful.
 
-    `names` are those of all columns of the file.
+    It is if no used column has a name of readers or tags, and other columns are unused. `names` are those of all
+    columns of the file.
     """
     used = {plain_name(s.name) for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
-    """InputError if a table lacks columns that the layout requires, or has one with a name similar to one of them."""
+    """InputError if a file lacks required columns of the layout's table, or has an unused one with a similar name."""
     if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
         raise InputError(
             f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
@@ -376,7 +401,7 @@ def _every_table() -> tuple[type[ColumnTable], ...]:
 
 
 class _FrameCount:
-    """Numbers the frames of each sensor by their times, in the order of time."""
+    """Counts the frames of each sensor, from 0, by the times of rows that are given in the order of time."""
 
     def __init__(self) -> None:
         """Start without frames: each sensor begins with frame 0."""
@@ -399,7 +424,16 @@ class _FrameCount:
 
 
 def _filled(values: Values, table: type[ColumnTable], frames: _FrameCount) -> Values:
-    """Add default values of columns missing in the file, and sort rows by the table's key."""
+    """Add default values of columns missing in the file, wrap azimuths to [-pi, pi), and sort rows by the table's key.
+
+    Args:
+        values: (n,) by column, with `_row`, which is sorted in place.
+        table: type of the table.
+        frames: counts frames of boxes if the file has no frame numbers.
+
+    Returns:
+        Columns of the table, without `_row`.
+    """
     rows = len(values[TIME])
     out = {name: column for name, column in values.items() if name != "_row"}
     for name, default in FILLED.get(table.NAME, {}).items():
@@ -426,7 +460,10 @@ def _filled(values: Values, table: type[ColumnTable], frames: _FrameCount) -> Va
 
 
 def _number_boxes(values: Values) -> Ints:
-    """(n,) box numbers within each frame, in file order; -1 for a frame without boxes."""
+    """(n,) box numbers, from 0 in each frame of each sensor, in file order; -1 in rows without a box.
+
+    `values` has the columns `sensor`, `t_ns` and `left_px` of the rows.
+    """
     sensor, t_ns = values["sensor"], values[TIME]
     there = np.isfinite(values["left_px"].astype(np.float64))
     order = np.lexsort((sensor, t_ns))
@@ -440,12 +477,14 @@ def _number_boxes(values: Values) -> Ints:
 
 
 def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout: TableLayout) -> None:
-    """InputError, with the position of the cell, for a value outside its range.
+    """InputError, with the position of the cell, for a value that is out of range.
+
+    Checked are standard deviations, confidences, elevations and box sizes, and that bearings have standard deviations.
 
     Args:
         cells: for the position.
-        values: (n,) by column.
-        layout: spelling and unit of the columns.
+        values: (n,) by table column.
+        layout: the table, with names and units of the columns in the file.
     """
     spelled = {s.column.name: s for s in layout.columns}
 
@@ -487,9 +526,9 @@ def _check_far_edge(cells: TableCells, s: Spelling, sizes: Floats, near: Floats)
 
 
 def _check_steps(cells: TableCells, s: Spelling) -> None:
-    """InputError for lengths in floats of insufficient precision, such as float32 for northings of 5,000,000 m.
+    """InputError if lengths are in floats of insufficient precision, such as float32 for northings of 5,000,000 m.
 
-    `s` is the column's spelling.
+    `s` has the column's name and unit in the file.
     """
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
     text = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
@@ -505,13 +544,13 @@ def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: s
 
 
 def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
-    """Create the table; InputError for a repeated identity at one time, or inconsistent values.
+    """Create the table from its columns; InputError, with rows, for a repeated identity at one time or invalid values.
 
     Args:
         source: for messages.
         table: type of the table.
         values: (n,) by column, sorted by the table's key.
-        row: (n,) row of the file that each is from.
+        row: (n,) number of each row in the file.
     """
     if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
@@ -533,7 +572,10 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
 
 
 def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.generic]) -> None:
-    """InputError for a duplicate row of the table `made`; `row` (n,) has the row of the file that each is from."""
+    """InputError if the table has a duplicate row (box numbers are not compared).
+
+    `row` (n,) are row numbers in the file.
+    """
     # Boxes were numbered here, so that copies differ in their numbers
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
     if copies.any():

@@ -29,7 +29,7 @@ _NO_LINKS: ContextVar[Path | None] = ContextVar("_NO_LINKS", default=None)
 
 @contextmanager
 def outputs_below(folder: Path) -> Iterator[None]:
-    """Context manager that refuses outputs outside a folder, for configurations from untrusted sources."""
+    """Context manager in which outputs outside of `folder` are refused, for configurations from untrusted sources."""
     token = _ONLY.set(folder.resolve())
     try:
         yield
@@ -39,7 +39,7 @@ def outputs_below(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def no_links_out_of(folder: Path) -> Iterator[None]:
-    """Context manager that refuses outputs in a folder through links that lead out of it."""
+    """Context manager in which outputs in `folder` are refused if they are links that lead out of it."""
     token = _NO_LINKS.set(folder.resolve())
     try:
         yield
@@ -48,7 +48,16 @@ def no_links_out_of(folder: Path) -> Iterator[None]:
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
-    """Raise OutputError (UsageError for `-`) unless `path` can become an output; called before any work is done."""
+    """Raise OutputError unless a file can be written at `path`; called before any work is done.
+
+    Args:
+        path: the output.
+        overwrite: it may replace an existing file; else OutputExistsError.
+
+    Raises:
+        OutputError: it is a folder, a device, in a missing folder, or outside of the permitted folders.
+        UsageError: it is `-`, standard output.
+    """
     if str(path) == "-":
         raise UsageError("-: nothing is written to standard output; name a file", id="not-applicable")
     only = _ONLY.get()
@@ -70,7 +79,17 @@ def check_writable(path: Path, overwrite: bool) -> None:
 
 
 def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
-    """Refuse outputs that exist, are also inputs, or are named twice; called before any work is done."""
+    """Raise an error for outputs that exist, are also inputs, or are named twice; called before any work is done.
+
+    Args:
+        inputs: files that are read; None is ignored.
+        outputs: files that are written; None is ignored.
+        overwrite: outputs may exist.
+
+    Raises:
+        UsageError: an output is an input, or named twice.
+        OutputError: an output exists, or cannot be written there.
+    """
     wanted = [Path(p) for p in outputs if p is not None]
     read = [Path(p) for p in inputs if p is not None]
     used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
@@ -84,7 +103,7 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 
 
 class _Complete(NamedTuple):
-    """A complete output file that has not been renamed to its target yet."""
+    """A complete output file that has not been renamed to its target `path` yet."""
 
     fd: int
     name: Path | None  # hidden name; None: nameless
@@ -93,9 +112,10 @@ class _Complete(NamedTuple):
 
 
 class OutputGroup:
-    """Context manager for outputs that are renamed together when its block ends without an error.
+    """Context manager for outputs that are renamed to their targets together when its block ends without an error.
 
-    They are renamed in the order of completion; after an error none is, and previous files are restored.
+    They are renamed in the order of completion. If the block or a renaming fails, no output appears, and files that
+    were already replaced are restored.
     """
 
     def __init__(self) -> None:
@@ -103,11 +123,11 @@ class OutputGroup:
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
-        """Keep a complete file until all of the group are.
+        """Register a complete file, which is renamed when the block of the group ends.
 
         Args:
-            fd: open file, which is duplicated.
-            name: its temporary name; None: it has none.
+            fd: descriptor of the open file, which is duplicated.
+            name: its temporary path; None: it has no name.
             path: target.
             overwrite: replace an existing target.
         """
@@ -147,7 +167,12 @@ class OutputGroup:
 
 @contextmanager
 def open_output(path: Path, overwrite: bool = False, together: OutputGroup | None = None) -> Iterator[IO[bytes]]:
-    """Open a binary file that is renamed to `path` when the block (or that of `together`) ends without an error.
+    """Context manager: binary file that is renamed to `path` when the block ends without an error, else deleted.
+
+    Args:
+        path: target; of a link the file that it leads to.
+        overwrite: replace an existing file.
+        together: group at the end of which the file is renamed; None: at the end of the block.
 
     Raises:
         OutputExistsError: `path` exists and `overwrite` is false.
@@ -184,9 +209,10 @@ def open_output(path: Path, overwrite: bool = False, together: OutputGroup | Non
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
-    """Temporary hidden folder next to an output, for libraries that name the files they write.
+    """Context manager: temporary hidden folder next to an output, for libraries that name the files they write.
 
-    Folders left by killed processes are deleted when the output is written again.
+    It is deleted at the end of the block. Folders left by killed processes are deleted when the output is written
+    again.
 
     Raises:
         OutputError: the folder of `path` is not writable, or the disk is full.
@@ -206,7 +232,10 @@ def _aside(path: Path) -> Path:
 
 
 def _kept_aside(path: Path) -> bool:
-    """Keep the file that an output replaces under a second name, to restore it after an error; whether it existed."""
+    """Keep the file at `path`, which an output is to replace, by a hard link, to restore it after an error.
+
+    Returns whether there is a file at `path`.
+    """
     with suppress(OSError):  # of file systems that know no second names
         _aside(path).unlink(missing_ok=True)
         os.link(path, _aside(path))
@@ -214,7 +243,10 @@ def _kept_aside(path: Path) -> bool:
 
 
 def _put_back(path: Path, *, existed: bool) -> None:
-    """Restore the previous file after an error; `existed`: there was one, otherwise the new file is removed."""
+    """Restore the previous file at `path` after an error.
+
+    If none `existed`, remove the new one. OS errors are ignored.
+    """
     with suppress(OSError):
         if existed:
             _aside(path).replace(path)
@@ -231,7 +263,7 @@ def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """Context manager that converts an OSError while writing `path` to OutputError with a remedy."""
+    """Context manager that converts an OSError while writing `path` to OutputError, with the remedy in its message."""
     try:
         yield
     except OcclogError:
@@ -255,7 +287,10 @@ def _partial_name(path: Path, pid: int) -> Path:
 
 
 def _create(path: Path) -> tuple[int, Path | None]:
-    """Open a new file in the folder of `path`: nameless if possible, else under a hidden name."""
+    """Open a new file in the folder of `path`; return its descriptor and its temporary path.
+
+    The path is None if the file system supports files without names (O_TMPFILE).
+    """
     flag = getattr(os, "O_TMPFILE", None)
     if flag is not None:
         with suppress(OSError):
@@ -270,9 +305,9 @@ def _check_absent(path: Path, overwrite: bool) -> None:
 
 
 def _name(fd: int, name: Path | None, path: Path) -> None:
-    """Rename the complete file to the target `path` in one step.
+    """Rename a complete file to the target `path` in one step, replacing an existing one.
 
-    `fd` is the open file, `name` its temporary name; None: it has none.
+    `fd` is the open file, `name` its temporary path; None: it has none.
     """
     if name is None:
         # A nameless file can only be linked to a new name, so it passes through a hidden one.
@@ -294,7 +329,7 @@ def _name(fd: int, name: Path | None, path: Path) -> None:
 
 
 def _remove_stale(path: Path) -> None:
-    """Delete the files that killed writers of the same target left behind."""
+    """Delete temporary files and folders of the output `path` that processes which no longer run have left behind."""
     for old in path.parent.glob(f".{path.name}.*{PARTIAL}"):
         pid = old.name[len(path.name) + 2 : -len(PARTIAL)].removesuffix(".folder").removesuffix(".before")
         if pid.isdigit() and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
@@ -311,17 +346,17 @@ with suppress(ImportError):  # Windows has no such locks
 
 @contextmanager
 def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None]:
-    """Lock an existing folder or file against other commands, until the end of the block or process.
+    """Context manager that locks an existing folder or file against other commands of occlog.
 
-    On file systems without locks nothing is locked.
+    The lock ends with the block or the process. On file systems and systems without locks nothing is locked.
 
     Args:
         path: the folder or file.
-        command: what works with it.
+        command: name of the command, for the message.
         patience: time to wait for another command to end [s].
 
     Raises:
-        UsageError: another command works with it.
+        UsageError: another command holds the lock after that time.
     """
     if "fcntl" not in globals():
         yield
@@ -341,7 +376,7 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock an open file (`descriptor`); False if another process has locked it.
+    """Try to lock an open file by its descriptor, without waiting; False if another process has locked it.
 
     True also on file systems without locks.
     """

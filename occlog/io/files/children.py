@@ -23,7 +23,10 @@ _OF_OPENCV = ("OPENCV_FFMPEG_", "OPENCV_LOG", "OPENCV_IO_")
 
 
 def environment_for_children() -> dict[str, str]:
-    """Environment for a process `python -P -m occlog...`, so that it imports this very package."""
+    """Environment variables for a child process `python -P -m occlog...`, so that it imports this same package.
+
+    OpenBLAS is limited to one thread, and settings of OpenCV's video readers and relative import paths are removed.
+    """
     found = {k: v for k, v in os.environ.items() if not k.startswith(_OF_OPENCV)}
     package = str(Path(occlog.__file__).resolve().parents[1])
     found["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and NumPy computes nothing there
@@ -34,18 +37,18 @@ def environment_for_children() -> dict[str, str]:
 
 
 def enlarge_pipe(pipe: IO[bytes] | None) -> None:
-    """Enlarge a pipe to `PIPE_SIZE` bytes, if the system supports it."""
+    """Enlarge the buffer of a pipe to `PIPE_SIZE` bytes if the system supports it; None is ignored."""
     if PIPE_SIZE_OPTION is not None and pipe is not None:
         with suppress(OSError):
             fcntl.fcntl(pipe, PIPE_SIZE_OPTION, PIPE_SIZE)
 
 
 def exit_description(code: int, too_long: str) -> str:
-    """Description of how a process ended, as the end of a sentence.
+    """Words on how a process ended, as the end of a sentence: `crashed (SIGSEGV)`, `stopped with exit code 1`.
 
     Args:
         code: exit code, or minus the number of the signal that ended it.
-        too_long: what it took more of, where the limit of processor time ended it.
+        too_long: limit that is named if the limit of processor time ended it, as `60 s of processor time`.
     """
     if code >= 0:
         return f"stopped with exit code {code}"

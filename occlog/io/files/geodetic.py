@@ -34,7 +34,7 @@ FORM = "LAT,LON[,DEG[,HEIGHT]]"
 
 
 class Origin(NamedTuple):
-    """Geodetic position and heading of the scene's origin."""
+    """Geodetic position (WGS 84) of the scene's origin, rotation of its x axis, and height of its ground."""
 
     latitude: float  # [deg]
     longitude: float  # [deg]
@@ -43,7 +43,7 @@ class Origin(NamedTuple):
 
 
 class StatedOrigin:
-    """The origin that the user states, and whether any input used it."""
+    """The scene's geodetic origin that the user states (`origin`), and whether an input needed it (`used`)."""
 
     def __init__(self, origin: Origin) -> None:
         """Wrap the origin that the user states, which is not used so far."""
@@ -51,7 +51,7 @@ class StatedOrigin:
         self.used = False
 
     def text(self) -> str:
-        """The origin in the syntax of the option."""
+        """The origin as `origin=LAT,LON,DEG[,HEIGHT]`, for provenance."""
         given = [value for value in self.origin if value is not None]
         return "origin=" + ",".join(f"{value:.10g}" for value in given)
 
@@ -60,9 +60,10 @@ STATED_ORIGIN: ContextVar[StatedOrigin | None] = ContextVar("STATED_ORIGIN", def
 
 
 def parse_origin(text: str) -> Origin:
-    """Parse LAT,LON, LAT,LON,DEG or LAT,LON,DEG,HEIGHT.
+    """Parse LAT,LON[,DEG[,HEIGHT]]: degrees north and east, angle of +x from the east [deg], height of z = 0 [m].
 
-    UsageError for anything else, or latitudes beyond 85 degrees.
+    Raises:
+        UsageError: the text is anything else, or the latitude is beyond +-85 degrees.
     """
     try:
         values = [float(part) for part in text.split(",")]
@@ -77,7 +78,10 @@ def parse_origin(text: str) -> Origin:
 
 @contextmanager
 def stated_origin(text: str) -> Iterator[StatedOrigin]:
-    """Context manager that sets the origin for inputs read within; UsageError for an invalid text."""
+    """Context manager that sets the geodetic origin for inputs read within its block.
+
+    `text` is LAT,LON[,DEG[,HEIGHT]]; UsageError for an invalid one.
+    """
     found = StatedOrigin(parse_origin(text))
     token = STATED_ORIGIN.set(found)
     try:
@@ -99,20 +103,20 @@ def origin_is_unused() -> bool:
 
 
 def has_heights() -> bool:
-    """Whether geodetic heights are used, i.e. the origin states its own height."""
+    """Whether geodetic heights of inputs are used: the user's origin states its own height."""
     stated = STATED_ORIGIN.get()
     return stated is not None and stated.origin.height is not None
 
 
 def note_unused_heights(where: str) -> None:
-    """Note that heights are not used since the origin states none."""
+    """Note once, if the user's origin states no height, that the heights in the input `where` are not used."""
     stated = STATED_ORIGIN.get()
     if stated is not None and stated.origin.height is None:
         note_once(f"note: {where}: heights are not used; {option('origin')} {FORM} states the height of z = 0")
 
 
 def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> Floats:
-    """(N, 3) scene positions [m] of geodetic positions, with the origin that the user states.
+    """(N, 3) scene positions [m] of geodetic positions (WGS 84), with the origin that the user states.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
@@ -120,8 +124,8 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
         where: the file, and the position in it, for errors.
 
     Returns:
-        x, y, z; z is 0 where heights or the height of the origin are not known, and x, y then are those of the
-        position's plumb line in the plane z = 0.
+        x, y, z. Without heights, or a height of the origin, z is 0, and x, y are the point at which the plumb line of
+            the position meets the plane z = 0.
 
     Raises:
         UsageError: no origin is stated; the message suggests the first position.
@@ -172,12 +176,12 @@ def _cosine(degrees: Floats, origin: Origin) -> Floats:
 
 
 def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
-    """(N, 3) positions [m] in the scene's frame (x, y, up) at an origin, exact, via earth-centred coordinates.
+    """(N, 3) exact scene positions (x, y, up) [m] of geodetic positions, via earth-centred coordinates.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
         heights: (N,) in the datum of the origin's height [m].
-        origin: where the plane touches; a height of None is 0.
+        origin: origin and rotation of the scene; a height of None is 0.
     """
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0]) - longitude
@@ -189,11 +193,11 @@ def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
 
 
 def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
-    """(N, 3) earth-centred coordinates [m] of positions on the earth; x in the meridian of longitude 0.
+    """(N, 3) earth-centred, earth-fixed coordinates [m] of positions; x points to longitude 0, z along the axis.
 
     Args:
-        phi: (N,) latitudes [rad].
-        away: (N,) longitudes [rad].
+        phi: (N,) geodetic latitudes [rad].
+        away: (N,) longitudes [rad] from the meridian that is to have longitude 0.
         heights: (N,) above the ellipsoid [m].
     """
     radius = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
@@ -203,14 +207,17 @@ def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
 
 
 def _turned(east: Floats, north: Floats, turned: float, *up: Floats) -> Floats:
-    """Rotate east and north coordinates to axes turned by an angle [rad], from east towards north."""
+    """Scene coordinates (N, 2) of east and north coordinates (N,), or (N, 3) with `up` (N,) appended.
+
+    `turned` is the angle of the scene's x axis [rad] from the east towards the north.
+    """
     x = math.cos(turned) * east + math.sin(turned) * north
     y = -math.sin(turned) * east + math.cos(turned) * north
     return np.column_stack([x, y, *up])
 
 
 def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of scene positions `xy` (N, 2) [m] in the tangent plane at an origin."""
+    """(N, 2) longitude and latitude [deg] of scene positions `xy` (N, 2) [m] in the tangent plane at the origin."""
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
     north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
@@ -226,13 +233,13 @@ def degrees_of(xy: Floats, origin: Origin) -> Floats:
 
 
 def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
-    """(N, 2) scene positions [m] of longitudes and latitudes; the inverse of `degrees_of`.
+    """(N, 2) scene positions [m] of longitudes and latitudes without heights; the inverse of `degrees_of`.
 
-    A position is where the plumb line of its longitude and latitude meets the plane.
+    A position is where the plumb line of its longitude and latitude meets the tangent plane z = 0.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
-        origin: where the plane touches.
+        origin: point at which the plane touches the ellipsoid, and rotation of the scene.
     """
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0]) - longitude
@@ -250,5 +257,5 @@ def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
 
 
 def _radius(latitude: float) -> float:
-    """Radius of curvature in the prime vertical [m] at a latitude [rad]."""
+    """Radius of curvature of the WGS 84 ellipsoid in the prime vertical [m] at a latitude [rad]."""
     return A / math.sqrt(1.0 - E2 * math.sin(latitude) ** 2)

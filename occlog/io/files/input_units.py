@@ -26,12 +26,12 @@ Key = tuple[str, str]
 
 @dataclass
 class StatedUnits:
-    """Units of columns by name, and of all columns of one kind, in all files or in one.
+    """Units that the user states for columns of external tables, by name or for all columns of a quantity.
 
     Attributes:
-        columns: by file and the file's name of a column, in lower case.
-        kinds: by file and `angle`, `length`, `time`: of columns that are not named.
-        used: which of them a table had a use for.
+        columns: unit by (file or "" for all files, column name in lower case).
+        kinds: unit by (file or "", `angle`, `length`, `time` or `interval`), for columns without a unit in their name.
+        used: those that a table had a use for, in the syntax of the option.
     """
 
     columns: Mapping[Key, str] = field(default_factory=dict)
@@ -39,23 +39,25 @@ class StatedUnits:
     used: set[str] = field(default_factory=set)
 
     def texts(self) -> tuple[str, ...]:
-        """All stated units, as the user gave them."""
+        """All stated units in the syntax of the option: `x=cm`, `deg`, `walk.csv:deg`."""
         return (
             *(_text(file, f"{name}={unit}") for (file, name), unit in self.columns.items()),
             *(_text(file, unit) for (file, _), unit in self.kinds.items()),
         )
 
     def unit_of(self, name: str, kind: str, by_name: str, path: Path | None = None) -> str:
-        """The unit of a column.
+        """Unit of a column: stated for it, else the one in its name, else stated for its quantity.
+
+        Empty if none is known.
 
         Args:
             name: of the file's column.
-            kind: what it measures, of `KINDS`; empty: nothing that has a unit to state.
-            by_name: the unit that its name states; empty: none.
+            kind: quantity, a key of `KINDS`; empty: one without a unit to state.
+            by_name: unit in its name; empty: none.
             path: the file; None: it is not known.
 
         Raises:
-            UsageError: another unit is stated than the name states.
+            UsageError: the unit stated for the column contradicts its name.
             InputError: a unit is stated that the column cannot have.
         """
         found = _find(self.columns, path, name.strip().lower())
@@ -89,17 +91,23 @@ class StatedUnits:
             self.used.add(_text(of_kind[0], self.kinds[of_kind]))
 
     def unused(self) -> tuple[str, ...]:
-        """Stated units that no table used."""
+        """Stated units that no table had a use for, in the syntax of the option."""
         return tuple(text for text in self.texts() if text not in self.used)
 
 
 def _text(file: str, unit: str) -> str:
-    """A stated unit in the syntax of the option; `file` is the file for which it is stated, empty: all."""
+    """A stated unit in the syntax of the option.
+
+    `file` is the file for which it is stated, empty: all; `unit` is `COLUMN=UNIT`, or the unit alone.
+    """
     return f"{file}:{unit}" if file else unit
 
 
 def _find(stated: Mapping[Key, str], path: Path | None, name: str) -> Key | None:
-    """Key of the unit stated for a column or quantity: for the file's path, its name, or all files; else None."""
+    """Key in `stated` for the column or quantity `name`: for the file's path, else its name, else all files.
+
+    None if missing.
+    """
     files = ("",) if path is None else (str(path), path.name, "")
     return next((key for file in files if (key := (file, name)) in stated), None)
 
@@ -109,14 +117,14 @@ STATED: ContextVar[StatedUnits] = ContextVar("STATED", default=StatedUnits())  #
 
 @contextmanager
 def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
-    """Context manager that sets units for tables opened within.
+    """Context manager that sets the user's units for tables that are opened within its block.
 
     Args:
-        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names, after
-            `FILE:` for one file; several may be separated by commas.
+        texts: `COLUMN=UNIT`, or a unit alone for all columns of its quantity without a unit in their names, each also
+            as `FILE:...` for one file; several may be separated by commas.
 
     Raises:
-        UsageError: a unit is unknown, or two are stated for one thing.
+        UsageError: a unit is unknown, or two are stated for one column or quantity.
     """
     known = [unit for units in KINDS.values() for unit in units]
     columns: dict[Key, str] = {}

@@ -16,7 +16,7 @@ from occlog.records.verdicts import Verdict
 
 
 def hash_inputs(paths: Iterable[Path]) -> InputDigests:
-    """Name and SHA-256 of each of the files, and the verdicts stored in them.
+    """File name and SHA-256 of each input file, together with the verdicts stored in the files.
 
     Names exclude folders, so that outputs do not depend on where files are.
     """
@@ -36,7 +36,7 @@ def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
 
 
 def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
-    """Verdicts stored in a table, recording or JSON file; empty for other or damaged files."""
+    """Verdicts stored in the provenance of a table, recording or JSON file; empty for other or damaged files."""
     made = _provenance_of(path)
     try:
         return verdicts_in(_provenance_in_json(path)) if made is None else made.judged
@@ -45,7 +45,7 @@ def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
 
 
 def _provenance_of(path: Path) -> Provenance | None:
-    """Provenance of a table or recording; None for other or damaged files.
+    """Provenance of a table or recording of occlog; None for other or damaged files.
 
     A stage that opens a damaged file refuses it itself.
     """
@@ -61,7 +61,7 @@ def _provenance_of(path: Path) -> Provenance | None:
 
 
 def _losses_in(values: Mapping[str, Any]) -> tuple[Loss, ...]:
-    """Losses in the values of a provenance; empty if these are damaged."""
+    """Losses in the JSON object of a provenance; empty if they are damaged."""
     try:
         return tuple(Loss(**loss) for loss in values.get("losses", ()))
     except TypeError:
@@ -69,7 +69,7 @@ def _losses_in(values: Mapping[str, Any]) -> tuple[Loss, ...]:
 
 
 def _provenance_in_json(path: Path) -> dict[str, Any]:
-    """Values of the provenance in a JSON file; empty for other or damaged files."""
+    """JSON object `_provenance` of a JSON file; empty for other or damaged files."""
     if path.suffix.lower() != ".json" or not path.is_file():
         return {}
     try:

@@ -43,9 +43,9 @@ _KINDS = {
 
 
 def check_regular(path: Path, mode: int, what: str) -> None:
-    """InputError unless `mode` (of `stat`) is that of a regular file: a pipe blocks, and can be read only once.
+    """InputError unless `mode` (`st_mode` of `stat`) is that of a regular file.
 
-    `what` describes what was expected.
+    A pipe blocks and can be read only once. `what` describes the expected content.
     """
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "no file")
@@ -55,7 +55,10 @@ def check_regular(path: Path, mode: int, what: str) -> None:
 
 
 def check_input(path: Path, what: str) -> Path:
-    """Return the path of a non-empty readable file; else InputError that states the expected content `what`."""
+    """Return `path` if it is a readable regular file that is not empty; InputError otherwise.
+
+    `what` describes the expected content, for the message.
+    """
     path = Path(path)
     try:
         status = path.stat()
@@ -135,7 +138,7 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Whether data that begin with `head` begin with a skippable zstd frame (metadata)."""
+    """Whether data that begin with `head` begin with a skippable zstd frame, which holds metadata."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
@@ -145,16 +148,16 @@ def is_zstd(head: bytes) -> bool:
 
 
 def is_odas(head: bytes) -> bool:
-    """Whether `head`, the first bytes of a file, are those of an ODAS stream."""
+    """Whether the first bytes of a file are those of the JSON stream of directions that ODAS writes."""
     return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
 
 
 def describe_unsupported(path: Path, *, yaml: bool = False) -> str | None:
-    """Describe a file that is neither a recording nor a table, with the remedy; None: unknown.
+    """Text on what a file is that is neither a recording nor a table, and what to do with it; None: unknown.
 
     Args:
         path: the file.
-        yaml: YAML was expected, of which JSON is a part.
+        yaml: YAML was expected, which includes JSON, so that JSON is not described.
     """
     with path.open("rb") as file:
         head = file.read(START)
@@ -169,7 +172,7 @@ def describe_unsupported(path: Path, *, yaml: bool = False) -> str | None:
 
 
 def holds_text(path: Path) -> bool:
-    """Whether the first bytes of a file are text in UTF-8."""
+    """Whether the first `START` bytes of a file are UTF-8 text without NUL."""
     with path.open("rb") as file:
         head = file.read(START)
     try:
@@ -180,7 +183,7 @@ def holds_text(path: Path) -> bool:
 
 
 def content_of(path: Path, what: str = EXPECTED) -> Content:
-    """Return the kind of a file; InputError without a readable file with content.
+    """Kind of a file by its first bytes: recording, table or other; InputError if it is not readable, or empty.
 
     Args:
         path: the file; one with damaged first bytes is `OTHER`.
@@ -206,14 +209,16 @@ FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 
 @contextmanager
 def guarded(where: Path | str, what: str) -> Iterator[None]:
-    """Context manager that converts any exception of a parser into an InputError.
+    """Context manager that converts the usual exceptions of parsers (`FAILURES`, deep nesting) to InputError.
+
+    An InputError of the parser is passed on unchanged.
 
     Args:
         where: the file, and the position in it.
         what: expected content.
 
     Raises:
-        InputError: the parser failed; its own InputError is passed on unchanged.
+        InputError: the parser failed.
     """
     try:
         yield
@@ -226,7 +231,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Context manager that prefixes errors of a table made from a file's rows with the file name."""
+    """Context manager that prefixes the message of an InputError in its block with the file name `path`."""
     try:
         yield
     except InputError as error:
@@ -234,7 +239,10 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES) -> str:
-    """Text of a file of at most `limit` bytes; InputError for anything else; `what` describes the expected content."""
+    """Text of a UTF-8 file; InputError if it is unreadable, not UTF-8, or larger than `limit` bytes.
+
+    `what` describes the expected content, for messages.
+    """
     path = check_input(path, what)
     size = path.stat().st_size
     if size > limit:
@@ -248,7 +256,15 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
 
 
 def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
-    """InputError for texts that are too long for a column of this many rows, or contain NUL."""
+    """InputError if texts contain NUL, or are too long for a column of this many rows.
+
+    A text column takes the memory of its longest text in every row.
+
+    Args:
+        texts: distinct texts of the column.
+        rows: number of rows.
+        where: file and column, for the message.
+    """
     different = set(texts)
     cut = next((text for text in different if "\0" in text), None)
     if cut is not None:
@@ -259,7 +275,10 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
 
 
 def check_text(value: str, where: Path | str) -> None:
-    """InputError for a text with a lone surrogate, which cannot be encoded; `where` is its position for messages."""
+    """InputError for a text with a lone surrogate (half of a UTF-16 pair), which cannot be encoded in UTF-8.
+
+    `where` is its position, for the message.
+    """
     try:
         value.encode()
     except UnicodeEncodeError as error:
@@ -277,14 +296,14 @@ FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
 
 
 def max_decompressed_bytes(size: int) -> int:
-    """Maximum decompressed size [bytes] of a row group, or of all chunks, in a file of `size` bytes."""
+    """Maximum decompressed size [bytes] of a row group, or of all chunks, accepted in a file of `size` bytes."""
     return max(FREE_BYTES, MAX_GROWTH * size)
 
 
 def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
-    """Description of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group.
+    """Text with the declared number that is too large for a file of `size` bytes, as `7 rows`; empty if none is.
 
-    Empty if it exceeds none. `rows` and `unpacked` are what it declares.
+    `rows` is the declared number of rows, `unpacked` the declared decompressed size of its largest group [bytes].
     """
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
@@ -292,9 +311,13 @@ def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
 
 
 def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
-    """InputError for a file of `size` bytes that declares more content than such a file can hold.
+    """InputError if a file declares more rows or decompressed bytes than a file of its size can hold.
 
-    `rows` is the declared number of rows, `unpacked` that of decompressed bytes.
+    Args:
+        path: the file, for the message.
+        size: of the file [bytes].
+        rows: declared number of rows.
+        unpacked: declared decompressed size of its largest group, or of all chunks [bytes].
     """
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(

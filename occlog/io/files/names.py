@@ -20,9 +20,9 @@ _HASH = re.compile(r"\.rf\.[0-9A-Za-z]+$")
 
 
 def last_number(name: str) -> str | None:
-    """Digits of the last number in a file name without its suffix; None if there is none.
+    """Digits of the last number in a file name without its suffix, as text (`cam_007` gives `007`).
 
-    The `.rf.` and hash that Roboflow appends to names of images are ignored.
+    None if there is none. The `.rf.` and hash that Roboflow appends to names of images are ignored.
     """
     found = _LAST.search(_HASH.sub("", name))
     return found.group(1) if found else None
@@ -45,7 +45,7 @@ PROMISING = (
 
 
 def check_output_name(path: Path, ending: str) -> None:
-    """UsageError for an output name with a suffix of another format than `ending`."""
+    """UsageError if an output has a suffix that promises another format than `ending`, the suffix of its own format."""
     suffix = Path(path).suffix.lower()
     if suffix in PROMISING and suffix != ending:
         what, form = WRITTEN[ending]
@@ -55,11 +55,19 @@ def check_output_name(path: Path, ending: str) -> None:
 
 
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
-    """Return the name, of those in use (`names`), that a file means by `given`.
+    """Return the name among `names` (those in use) that is meant by `given`, a name in a file.
 
     It is the equal name, else the only one that is equal but for the case of letters, else the only one with the same
-    last number: `2`, `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of
-    thing named, `where` the file.
+    last number: `2`, `cam_2` and `cam02` mean each other.
+
+    Args:
+        given: name in the file.
+        names: names in use.
+        where: the file, for the message.
+        what: kind of thing that is named, for the message.
+
+    Raises:
+        InputError: no name, or several, are meant.
     """
     if given in names:
         return given
@@ -76,11 +84,11 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
     """InputError if a file names one sensor by two labels, such as `cam1` and `cam01`, which may be two sensors.
 
     Args:
-        meant: the label of each name so far; this one is added.
+        meant: label in the file by name in use; this one is added.
         label: as the file has it.
-        name: what `match_sensor` takes it for.
+        name: name in use that it is matched with (`match_sensor`).
         where: the file.
-        what: kind of thing with the name.
+        what: kind of thing that is named.
     """
     other = meant.setdefault(name, label)
     if other != label:
@@ -91,7 +99,7 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:
-    """Whether no name in use matches `given` by the rules of `match_sensor`."""
+    """Whether `given` matches none of `names`, neither without the case of letters nor by its last number."""
     number = _last_number(given)
     return not any(
         name.lower() == given.lower() or (number is not None and _last_number(name) == number) for name in names
@@ -104,14 +112,14 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def natural_sorted(names: Iterable[str]) -> list[str]:
-    """Return names sorted in natural order (`natural_key`)."""
+    """Names sorted in natural order, in which cam2 comes before cam10."""
     return sorted(names, key=lambda name: (natural_key(name), name))
 
 
 def safe_name(text: str) -> str:
-    """Convert a text to a name allowed in scene files: blanks, control characters and , / = : become `_`.
+    """Convert a text to a name allowed in scene files, of at most 64 characters.
 
-    InputError for an empty text.
+    Blanks, control characters and `,` `/` `=` `:` become `_`. InputError for an empty text.
     """
     name = re.sub(r"[\s,/=:\x00-\x1f\x7f-\x9f]+", "_", text.strip())[:64]
     if not name:
@@ -135,7 +143,10 @@ def is_utf8(name: str) -> bool:
 
 @contextmanager
 def utf8_name(path: Path) -> Iterator[str]:
-    """Context manager: UTF-8 path to an existing file, or to one to be created in an existing folder."""
+    """Context manager: valid UTF-8 path to a file, through /proc/self/fd if its own path is not valid UTF-8.
+
+    The file exists, or is to be created in an existing folder.
+    """
     if is_utf8(str(path)):
         yield str(path)
         return

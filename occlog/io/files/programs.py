@@ -21,17 +21,17 @@ class UnreadProgram(NamedTuple):
     Attributes:
         words: what a file of it is.
         remedy: what to write in its place.
-        pattern: of the first bytes; a text of several parts has each of them, in any order.
+        pattern: regular expression of the first bytes; a text of several parts has each of them, in any order.
     """
 
     words: str
     remedy: str
-    pattern: re.Pattern[bytes]
+    pattern: bytes
 
 
 def _program(words: str, remedy: str, *parts: bytes, begin: bytes = b"") -> UnreadProgram:
     pattern = rb"\A" + begin + b"".join(rb"(?=.*?" + part + rb")" for part in parts)
-    return UnreadProgram(words, remedy, re.compile(pattern, re.DOTALL))
+    return UnreadProgram(words, remedy, pattern)
 
 
 _XML, _JSON = rb"(?:\xef\xbb\xbf)?\s*(?=<)", rb"(?:\xef\xbb\xbf)?\s*[\[{]"
@@ -95,13 +95,13 @@ PROGRAMS = (
 
 
 def describe_program(head: bytes) -> str | None:
-    """Describe a file of a program that is not read, with the remedy, by its first bytes; None: unknown."""
-    found = next((each for each in PROGRAMS if each.pattern.match(head)), None)
+    """Text on a file of a program that is not read, with the remedy, by the first bytes of the file; None: unknown."""
+    found = next((each for each in PROGRAMS if re.match(each.pattern, head, re.DOTALL)), None)
     return None if found is None else f"is {found.words}, which is not read; {found.remedy}"
 
 
 def refuse_unread(path: Path) -> None:
-    """InputError for a file, or a folder whose first file with content is one, of a program that is not read."""
+    """InputError if a file, or the first non-empty file of a folder, is of a program that is not read."""
     if path.is_dir():
         files = sorted(each for each in path.iterdir() if each.is_file() and not each.name.startswith("."))
         path = next((each for each in files if each.stat().st_size), path)

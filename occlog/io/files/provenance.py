@@ -37,7 +37,7 @@ _VERSION = re.compile(r"^Version: *(\S+)", re.MULTILINE)
 
 @cache
 def installed_versions() -> dict[str, str]:
-    """Version of Python and of each package that is installed, by its name.
+    """Versions of Python and of the installed packages that occlog uses, by name.
 
     They are the same for every command and process in one environment, so that outputs are the same bytes.
     """
@@ -54,7 +54,7 @@ CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_
 
 
 def processor_type() -> str:
-    """Processor type as LLVM (Numba) names it, and all set environment variables that select code for another type.
+    """Processor type as LLVM (Numba) names it, and the set environment variables that select code for another type.
 
     Libraries have code for each type with another order of summation, so that the last digits of results differ.
     """
@@ -78,7 +78,7 @@ READERS_USED: dict[str, Mapping[str, object]] = {}
 
 
 class InputDigests(tuple[tuple[str, str], ...]):
-    """(file name, SHA-256) of each input of a stage, and the verdicts stored in these files.
+    """(file name, SHA-256) of each input of a stage; `verdicts` are those stored in these files.
 
     Every output made from the files also stores the verdicts.
     """
@@ -87,31 +87,30 @@ class InputDigests(tuple[tuple[str, str], ...]):
 
     @classmethod
     def of(cls, files: Iterable[tuple[str, str]], verdicts: Iterable[Verdict]) -> InputDigests:
-        """Create the digests of files, given by name and SHA-256; each verdict is kept once."""
+        """Create from (file name, SHA-256) pairs and verdicts, of which equal ones are kept once."""
         made = cls(files)
         made.verdicts = distinct(verdicts)
         return made
 
 
 def _stated() -> tuple[str, ...]:
-    """Origin and units that the user states for all inputs, for provenance."""
+    """Units and geodetic origin that the user states for all inputs of the command, as texts for provenance."""
     origin = STATED_ORIGIN.get()
     return (*STATED.get().texts(), *((origin.text(),) if origin is not None else ()))
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance stored in every output.
+    """Provenance stored in every output: how it was made, and from what.
 
     Attributes:
         command: the occlog command, e.g. "detect".
         parameters: JSON-ready values of every option that changes the result.
-        seed: seed of the random numbers, None if missing.
+        seed: seed of the random numbers, None if there is none.
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
-        input_units: units that were stated for input columns without a unit in their names, and the position of the
-            scene's origin on the earth.
-        readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
+        input_units: units that the user stated for columns of inputs, and the geodetic origin of the scene.
+        readers: for each input that a plug-in has read, its name, the plug-in and its settings; None: as now in use.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
         verdicts: of this stage and of those before it, in their order; None: those of the inputs, if these are
@@ -140,15 +139,15 @@ class Provenance:
 
     @property
     def judged(self) -> tuple[Verdict, ...]:
-        """Verdicts of this stage and of earlier ones."""
+        """Verdicts of earlier stages and of this one, in their order."""
         return self.verdicts or ()
 
     def with_checks(self, checks: Iterable[Check]) -> Provenance:
-        """Append the verdict of this stage, made from its checks, to those of the inputs."""
+        """Copy with the verdict of this stage, made from its checks, appended to those of the inputs."""
         return replace(self, verdicts=distinct((*self.judged, Verdict.of(self.command, checks))))
 
     def as_dict(self) -> dict[str, object]:
-        """Return the provenance as JSON-compatible values."""
+        """JSON-compatible values of the provenance; empty input_units, readers, versions and verdicts are omitted."""
         return {
             "program": "occlog",
             "version": self.version,
@@ -173,11 +172,11 @@ UNKNOWN = Provenance("unknown", input_units=(), readers=(), version="", versions
 
 
 def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
-    """Provenance as written by `Provenance.json`; `unknown` for an empty text, as in external files.
+    """Parse the provenance of the file `where`, as written by `Provenance.json`; `UNKNOWN` for an empty text.
 
     Raises:
-        InputError: the text of the file `where` is not one.  It has the losses of earlier stages, so that a
-            table with a provenance that is damaged would seem to have no losses.
+        InputError: the text is damaged. It has the losses of earlier stages, so that a table without it would seem to
+            have none.
     """
     if not text:
         return UNKNOWN
@@ -202,7 +201,7 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
 
 
 def verdicts_in(raw: Mapping[str, object]) -> tuple[Verdict, ...]:
-    """Parse the verdicts in `raw`, the values of a provenance; ValueError if damaged."""
+    """Verdicts in `raw`, the JSON object of a provenance; ValueError if damaged."""
     return msgspec.convert(raw.get("verdicts", []), tuple[Verdict, ...])
 
 
@@ -212,7 +211,10 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def hash_file(path: Path) -> str:
-    """SHA-256 of a file's content, in hexadecimal; for a folder, of the names and hashes of its files."""
+    """SHA-256 of a file's content in hexadecimal; of a folder, that of the names and hashes of the files in it.
+
+    InputError if it cannot be read.
+    """
     if path.is_dir():
         held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
         return hashlib.sha256(repr(held).encode()).hexdigest()

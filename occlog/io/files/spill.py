@@ -31,7 +31,10 @@ Records = np.ndarray[Any, np.dtype[Any]]
 
 
 class Blocks:
-    """Temporary file of records of one type, in blocks."""
+    """Temporary array of records of one NumPy dtype in blocks of equal length, on disk if it is large.
+
+    Append all records, call `end`, and then read or replace blocks in any order.
+    """
 
     def __init__(
         self, record: np.dtype[Any], block: int = RECORDS_PER_BLOCK, in_memory: int = RECORD_BYTES_IN_MEMORY
@@ -39,9 +42,9 @@ class Blocks:
         """Start without records.
 
         Args:
-            record: their type.
-            block: records of a block.
-            in_memory: how many bytes are kept in memory.
+            record: dtype of a record.
+            block: number of records in a block.
+            in_memory: bytes that are kept in memory; if there are more, all are in a temporary file.
         """
         self._record, self._block, self._in_memory = record, block, in_memory
         self._file: IO[bytes] | None = None
@@ -57,7 +60,7 @@ class Blocks:
             self._file.close()
 
     def append(self, rows: Records) -> None:
-        """Append records; OutputError if the folder for temporary files is full."""
+        """Append records (n,); OutputError if the folder for temporary files is full."""
         self._open.append(rows)
         self._rows += len(rows)
         if self._rows < self._block:
@@ -70,14 +73,14 @@ class Blocks:
         self._open, self._rows = [together[whole:].copy()], self._rows - whole
 
     def end(self) -> None:
-        """Complete the last block, after which blocks can be read."""
+        """Store the last block, which may be shorter; blocks can be read from now on."""
         if self._rows:
             self.put(self.count, np.concatenate(self._open))
             self.count += 1
         self._open, self._rows = [], 0
 
     def put(self, number: int, rows: Records) -> None:
-        """Write or replace block `number` by a copy of `rows`; all blocks but the last have the same length."""
+        """Store a copy of `rows` as block `number`, replacing the old one; only the last block may be shorter."""
         if self._file is None:
             self._kept[number] = rows.copy()
             if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:
@@ -97,14 +100,14 @@ class Blocks:
         file.write(rows.tobytes())
 
     def get(self, number: int) -> Records:
-        """Read block `number`, as a view of memory or a copy from the file."""
+        """Records of block `number`: a view of the memory, or a read-only copy from the file."""
         if self._file is None:
             return self._kept[number]
         self._file.seek(number * self._block * self._record.itemsize)
         return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
 
     def rows(self, first: int, last: int) -> Records:
-        """Read the records first <= n < last, after `end`."""
+        """Copy of the records first <= n < last; call after `end`."""
         parts = [np.zeros(0, dtype=self._record)]
         for number in range(first // self._block, -(-last // self._block)):
             start = number * self._block
@@ -119,7 +122,7 @@ NUMBERS_PER_BLOCK = 1 << 17
 
 
 class Spool:
-    """Temporary sequence of numbers, added in parts and read repeatedly in the same order.
+    """Temporary sequence of numbers, added in parts and read repeatedly in the same order; on disk if it is long.
 
     The file has no name, so that nothing remains when the program ends.
     """
@@ -153,14 +156,14 @@ class Spool:
 
     @property
     def whole(self) -> Floats | None:
-        """Return all (N,) numbers as an array; None if they are on disk."""
+        """(N,) all numbers, if they are in memory; None if some are on disk."""
         if self._file is not None:
             return None
         self._parts = [np.concatenate([np.zeros(0), *self._parts])]
         return self._parts[0]
 
     def blocks(self) -> Iterator[Floats]:
-        """Generate all numbers added, in order, in arrays of limited length."""
+        """Yield all numbers in the order in which they were added, in arrays of limited length."""
         if self._file is not None:
             self._file.seek(0)
             while data := self._file.read(8 * NUMBERS_PER_BLOCK):
@@ -173,17 +176,17 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class SpilledTable(Generic[T]):
-    """Table from a source that is read once, with chunks that can be generated repeatedly from a temporary file.
+    """Table from a source that can be read only once, with chunks that can be read repeatedly.
 
-    The file, in the folder for temporary files, has no name, so that nothing remains when the program ends.
+    They are kept in a temporary file. The file has no name, so that nothing remains when the program ends.
     """
 
     def __init__(self, table: type[T], source: Callable[[], Iterator[T]]) -> None:
-        """Create a spilled table without reading it.
+        """Prepare without reading.
 
         Args:
-            table: what it is.
-            source: gives all chunks, and need not give them again.
+            table: type of the table.
+            source: returns an iterator over all chunks; called once.
         """
         self._table, self._source = table, source
         self._schema = arrow_schema(table, Provenance("aside"))
@@ -197,7 +200,9 @@ class SpilledTable(Generic[T]):
             self._file.close()
 
     def chunks(self) -> Iterator[T]:
-        """Iterate over all chunks; read to the end before starting again.
+        """Iterate over all chunks, from the source for the first time and then from the file.
+
+        The first iteration must be completed before another one begins.
 
         Raises:
             OutputError: the folder for temporary files is full.

@@ -21,17 +21,20 @@ MAX_DEPTH = 100
 
 
 def gpx_columns() -> tuple[str, ...]:
-    """Column names of the rows; heights only if the origin states its own."""
+    """Column names of the rows that `read_gpx` yields; `z_m` only if the user's geodetic origin has a height.
+
+    The origin counts as used from now on.
+    """
     begin_positions()
     return ("time", "target_id", "x_m", "y_m", *(("z_m",) if has_heights() else ()))
 
 
 def read_gpx(path: Path) -> Iterator[CsvRows]:
-    """Read rows of the points of all tracks; the n-th track is target n - 1.
+    """Yield rows (time, target_id and scene position as text) of the points of all GPX tracks; track n is target n - 1.
 
     Raises:
         InputError: it is not XML, a point has no time or position, or no track has a point.
-        UsageError: the position of the scene's origin on the earth is not stated.
+        UsageError: the geodetic origin of the scene is not stated.
     """
     points: list[tuple[int, str, float, float, float]] = []
     number = 0
@@ -47,7 +50,7 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
 
 
 def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
-    """Generate track, time, latitude, longitude and height (NaN: not stated) of each point."""
+    """Yield number of the track (from 0), time as text, latitude and longitude [deg], height [m] (NaN: not stated)."""
     depth, track, number = 0, -1, 0
     with check_input(path, WHAT).open("rb") as file:
         events = iter(ElementTree.iterparse(file, ("start", "end")))

@@ -28,7 +28,7 @@ CLIMB_RATIO, CLIMB_M = 20.0, 1.0
 
 
 def looks_like_kitti(head: Sequence[str]) -> bool:
-    """Whether the cells of a first line (`head`) are twelve numbers, three rows that begin with those of a rotation."""
+    """Whether the cells of a first line are a pose of KITTI odometry: twelve numbers, with a rotation matrix."""
     if len(head) != COLUMNS:
         return False
     try:
@@ -41,7 +41,9 @@ def looks_like_kitti(head: Sequence[str]) -> bool:
 
 
 def read_kitti(path: Path) -> Iterator[CsvRows]:
-    """Read rows with the columns `NAMES` in file order; a note states the axes and the time file.
+    """Yield rows with time, x, y and z (as text) of KITTI odometry poses, in file order, in a world with z up.
+
+    A note states the axes and the file of times, which is in the same folder.
 
     Raises:
         InputError: a line has not 12 numbers, there is no file of times, or it has another number of lines.
@@ -88,7 +90,7 @@ def _in_the_scene(rows: CsvRows, position: Floats, times: Sequence[str]) -> CsvR
 
 
 def _times_file(path: Path) -> Path:
-    """Time file in the folder of the poses: NAME_times.txt, or times.txt."""
+    """File with the times of the poses, in the same folder: NAME_times.txt, else times.txt; InputError if missing."""
     names = (f"{path.stem}_times.txt", "times.txt")
     found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
     if found is None:
@@ -101,7 +103,7 @@ def _times_file(path: Path) -> Path:
 
 
 def _times(path: Path) -> list[str]:
-    """Times, one per line, as text."""
+    """Time of each pose as text, one per line of the file; InputError for a line that is not one time."""
     out = []
     with check_input(path, "times of KITTI, one a line").open(encoding="utf-8-sig") as file:
         for line, text in text_lines(path, file):

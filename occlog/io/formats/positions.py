@@ -66,7 +66,7 @@ GRIDS = "0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's, 1,0,0 states metres
 
 
 class PositionGrid(NamedTuple):
-    """Grid of cells in which positions are given."""
+    """Grid of cells in which positions are given: size of a cell, and position of cell (0, 0), in the scene's unit."""
 
     cell: float  # size of a cell
     x: float  # position of cell (0, 0)
@@ -75,17 +75,17 @@ class PositionGrid(NamedTuple):
 
 @dataclass(frozen=True)
 class PositionOptions:
-    """Options for values that a file does not state.
+    """Options for reading a position file, for values that it does not state.
 
     Attributes:
-        sensor: source of the positions; None: the file names it, or it is called as the file is.
-        times: times of the frames of sources, by name; the one of the empty name holds for all others.
-        start_ns: time of the origin of a file without absolute times.
+        sensor: source of the positions; None: the file names it, or it is named after the file.
+        times: frame times by source; those of the empty name hold for all others.
+        start_ns: origin of the times of a file with a column of times [ns since the Unix epoch].
         first_number: number of frame 0.
-        frames: only frames first <= number < stop.
+        frames: selected frames first <= number < stop, of a file that counts frames; None: all.
         grid: of positions in cells; None: they are lengths.
         scale: scores are divided by this.
-        scores: `probability`, `logit` or `unknown`.
+        scores: `probability`, `logit` or `unknown` (not kept).
         ignore_extra: skip unknown columns instead of refusing them.
     """
 
@@ -101,7 +101,7 @@ class PositionOptions:
 
 
 class PositionLog(NamedTuple):
-    """Positions read from a file, and what was skipped."""
+    """Positions read from a file, its sources, and what was skipped."""
 
     table: Positions
     sources: tuple[str, ...]
@@ -111,7 +111,7 @@ class PositionLog(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Rows of a position file; times are -1 if frames are numbered instead."""
+    """n rows of a position file, in columns; times are `NO_TIME` if frames are numbered instead."""
 
     line: Ints
     t_ns: Ints
@@ -124,7 +124,7 @@ class _Rows(NamedTuple):
 
 
 def read_positions(path: Path, options: PositionOptions) -> PositionLog:
-    """Read a position file, sorted by time; frames without positions have a row with `detection` -1.
+    """Read a file of positions on the ground, sorted by time; frames without positions have a row with `detection` -1.
 
     Raises:
         InputError: a column is missing, a value is invalid, or a covariance is not positive definite.
@@ -180,7 +180,10 @@ def _parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
 
 
 def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
-    """Read Parquet and Arrow with the same columns, converted to text with all digits."""
+    """Yield the rows of a Parquet or Arrow file of positions, with cells converted to text with all digits.
+
+    Columns are named as in the text format; InputError for unknown or missing ones.
+    """
     from occlog.io.external.source import find_source
 
     source = find_source(path)
@@ -215,7 +218,7 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
 
 
 def _as_text(value: object) -> str:
-    """Convert a cell to text with all digits; empty for null."""
+    """Text of a cell with all digits; empty for null."""
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
@@ -243,9 +246,10 @@ def _with_header(part: TextPart, options: PositionOptions) -> _Rows:
 
 
 def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
-    """Generate rows of MVDet's and MVDeTr's text: frame, x, y, and optionally a score.
+    """Yield the rows of the text of MVDet and MVDeTr: frame, x, y, and optionally a score.
 
-    UsageError for cells of a grid if the options have no grid.
+    Raises:
+        UsageError: positions are whole numbers, so cells of a grid, and the options have no grid.
     """
     for rows in read_plain(path, WHAT):
         if len(rows.cells) not in (3, 4):
@@ -277,7 +281,7 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
 
 
 def _in_lengths(position: Floats, grid: PositionGrid | None) -> Floats:
-    """Convert cell indices (n, 2) of a grid to positions (n, 2); without a grid they are positions already."""
+    """Positions (n, 2) of grid cells (n, 2); without a grid `position` itself, which has lengths already."""
     return position if grid is None else np.array([grid.x, grid.y]) + grid.cell * position
 
 
@@ -298,7 +302,10 @@ def _sources(rows: CsvRows, options: PositionOptions) -> Strings:
 
 
 def _covariances(part: TextPart) -> Floats:
-    """(n, 3) covariances xx, xy, yy; NaN: not stated."""
+    """(n, 3) covariances xx, xy, yy from standard deviations or covariances in the file; NaN where none is stated.
+
+    InputError, with the line, if it is stated twice or in part, or is not positive definite.
+    """
     rows = part.rows
     single, both = np.isfinite(part["sigma"]), [np.isfinite(part[name]) for name in ("sigma_x", "sigma_y")]
     whole = [np.isfinite(part[name]) for name in ("cov_xx", "cov_yy")]
@@ -322,9 +329,9 @@ def _covariances(part: TextPart) -> Floats:
 
 
 def _scores(rows: CsvRows, values: Floats, options: PositionOptions) -> Floats:
-    """(n,) confidences from 0 to 1, converted as the options state; NaN if missing, InputError outside 0 to 1.
+    """(n,) confidences from 0 to 1, divided by the scale or converted from logits as the options state.
 
-    `values` (n,) are those of the file.
+    NaN if missing or not used; InputError, with the line, outside 0 to 1. `values` (n,) are those of the file.
     """
     if options.scores == "unknown":
         return np.full(len(values), np.nan)
@@ -351,13 +358,21 @@ def _chosen(rows: _Rows, frames: tuple[int, int] | None) -> tuple[_Rows, int]:
 
 
 def _frame_step(frame: Ints) -> int:
-    """Greatest common divisor of the distances of frame numbers; 1 for few frames."""
+    """Greatest common divisor of the differences of frame numbers (n,).
+
+    1 if there are at most `MIN_FRAME_STEPS` frames.
+    """
     numbers = np.unique(frame)
     return int(np.gcd.reduce(np.diff(numbers))) if len(numbers) > MIN_FRAME_STEPS else 1
 
 
 def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
-    """Add times to rows by their frame numbers; InputError for a frame before the first number."""
+    """Copy of the rows with the times of their frame numbers.
+
+    Raises:
+        InputError: a frame is before the first number, or has no time.
+        UsageError: no frame times are known for a source.
+    """
     if (rows.frame < 0).any():
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
@@ -383,7 +398,7 @@ def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
 
 
 def _numbers(rows: _Rows) -> Ints:
-    """(n,) frame numbers of each source, by their times."""
+    """(n,) frame numbers, from 0 for each source, in the order of the times of its rows."""
     out = np.zeros(len(rows.line), dtype=np.int64)
     for name in np.unique(rows.sensor).tolist():
         mine = np.flatnonzero(rows.sensor == name)
@@ -392,7 +407,10 @@ def _numbers(rows: _Rows) -> Ints:
 
 
 def _without_duplicates(rows: _Rows) -> tuple[_Rows, int]:
-    """Sort rows by time, source and line, and remove duplicates; return the rows and the number removed."""
+    """Rows sorted by time, source and line without duplicates, and the number of removed rows.
+
+    Duplicates have equal time, source, identity, position and confidence.
+    """
     columns = [rows.line, rows.sensor, rows.t_ns]
     rows = _Rows._make(column[np.lexsort(columns)] for column in rows)
     keys = zip(
@@ -427,9 +445,13 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
 
 
 def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
-    """Rows for the frames of a source without positions between its first and last one.
+    """Rows with `detection` -1 for the frames of a source without positions between its first and last frame.
 
-    Frames are `step` apart if the source has too few to tell.
+    Args:
+        rows: rows with positions of all sources.
+        source: name.
+        options: has the frame times.
+        step: of frame numbers, if the source has too few frames to determine it.
     """
     there = np.unique(rows.frame[rows.sensor == source])
     step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
@@ -446,7 +468,7 @@ def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int)
 
 
 def parse_grid(text: str) -> PositionGrid:
-    """Parse `SIZE,X,Y` to a grid; UsageError for another text."""
+    """Parse `SIZE,X,Y`, the size of a cell and the position of cell (0, 0); UsageError for another text."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:

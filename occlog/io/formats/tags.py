@@ -47,12 +47,12 @@ READER_POSITIONS = TextFormat(
 
 
 def read_readers(path: Path) -> tuple[TagReader, ...]:
-    """Read the readers of a scene, in the order of the table.
+    """Read tag readers of a scene from a text table, in its order: position, range and power.
 
-    An empty cell of range or power represents a reader of which it is not known.
+    An empty range is infinite, an empty power None (unknown).
 
     Raises:
-        InputError: a column is missing, a name occurs twice, a range is not above 0.
+        InputError: a column is missing, a name occurs twice, or a range is not above 0.
     """
     found: dict[str, TagReader] = {}
     for part in read_format(path, READER_POSITIONS):
@@ -79,7 +79,7 @@ TAG_READS = TextFormat(
 
 
 def columns_of_reads(path: Path) -> set[str]:
-    """Columns of a log of reads, by occlog names."""
+    """Columns that the header of a log of reads has, by their names in occlog: `reader`, `tag`, `rssi`."""
     head = {cell.lower() for cell in first_line(path, TAG_READS.what)}
     return {name for name, column in TAG_READS.columns.items() if head & set(column.names)}
 
@@ -89,13 +89,13 @@ _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 @dataclass(frozen=True)
 class ReadLog:
-    """The reads of a log, and corrections.
+    """Reads of tags in a log, and what was corrected.
 
     Attributes:
-        reads: in the order of time.
-        tags: target of each tag.
-        late: rows that stood after a later one.
-        double: rows that stood there twice, with equal values, and were skipped.
+        reads: sorted by time.
+        tags: target number of each tag.
+        late: number of rows that come after a row of a later time.
+        double: number of exact duplicates, which were skipped.
     """
 
     reads: Reads
@@ -112,13 +112,13 @@ def read_reads(
     clocks: Mapping[str, Clock] | None = None,
     ignore_extra: bool = False,
 ) -> ReadLog:
-    """Read a log of reads.
+    """Read a log of tag reads, in any order, from a text table.
 
     Args:
         path: the file.
-        readers: names of the scene's readers; the log calls them by these names.
-        start_ns: time of the origin of a log without absolute times.
-        clocks: clocks of the readers that do not run by world time.
+        readers: names of the scene's readers, which the log must use.
+        start_ns: time of the origin of a log without absolute times [ns since the Unix epoch].
+        clocks: clock models by reader, for those that do not run by world time.
         ignore_extra: skip unknown columns instead of refusing them.
 
     Raises:
@@ -144,7 +144,7 @@ def read_reads(
 
 
 def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
-    """InputError, with the line, for a reader missing in the scene, which has `readers`."""
+    """InputError, with the line, if a row names a reader that is not among `readers`, those of the scene."""
     unknown = np.flatnonzero(~np.isin(rows.cells["reader"], list(readers)))
     if not len(unknown):
         return
@@ -155,7 +155,10 @@ def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
 
 
 def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:
-    """(n,) world times [ns] of reads at `t_ns` (n,) by the clocks of their sensors (n,)."""
+    """(n,) world times [ns] of reads at times (n,) [ns] by the clocks of their readers (n,).
+
+    `clocks` has the clock models by reader; others run by world time.
+    """
     out = t_ns.copy()
     for name, clock in clocks.items():
         mine = np.flatnonzero(sensor == name)
@@ -165,7 +168,7 @@ def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> In
 
 
 def _targets(tag: Strings) -> dict[str, int]:
-    """Map tag names to target numbers."""
+    """Target number of each tag: its name if all names are distinct whole numbers, else its rank in natural order."""
     names = natural_sorted(np.unique(tag).tolist())
     if all(_NUMBER.match(name) for name in names) and len({int(name) for name in names}) == len(names):
         return {name: int(name) for name in names}
@@ -173,13 +176,13 @@ def _targets(tag: Strings) -> dict[str, int]:
 
 
 def _without_doubles(t_ns: Ints, sensor: Strings, tag: Strings, rssi: np.ndarray) -> tuple[Ints, int]:
-    """Return the rows sorted by the table's key, without duplicates, as indices; and the number of duplicates.
+    """Indices of the rows sorted by time, reader and tag, without exact duplicates; and the number of duplicates.
 
     Args:
         t_ns: (n,) times [ns].
         sensor: (n,) names of the readers.
         tag: (n,) names of the tags.
-        rssi: (n,) signal strengths; NaN: none.
+        rssi: (n,) signal strengths [dBm]; NaN: none.
     """
     order = np.lexsort((rssi, tag, sensor, t_ns))
     a, b = order[:-1], order[1:]

@@ -41,7 +41,13 @@ KEYS = ("latitude", "longitude", "turned_deg")
 
 
 def read_geojson(path: Path) -> Iterator[CsvRows]:
-    """Read the rows of all targets; InputError with the feature number for invalid content."""
+    """Yield rows (time, target and scene position as text) of a GeoJSON feature collection, one feature at a time.
+
+    The scene's geodetic origin is a member of the collection, or the user states it.
+
+    Raises:
+        InputError: the content is invalid (with the number of the feature), or no origin is known.
+    """
     value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
     if not isinstance(features, list) or value.get("type") != COLLECTION:
@@ -81,7 +87,10 @@ def _origin(path: Path, value: object) -> Origin:
 
 
 def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], Floats]:
-    """Identity, times [ns], and (n, 2) longitude and latitude [deg] of feature `number`; InputError if invalid."""
+    """Identity, times [ns], and longitude and latitude (n, 2) [deg] of a GeoJSON feature with n vertices.
+
+    InputError, with its number, if it is invalid.
+    """
     location = f"{path}: feature {number}"
     properties = _member(feature, "properties")
     shape = _member(feature, "geometry")
@@ -134,13 +143,19 @@ _MARKER = re.compile(r"^target_(\d{1,10})$")
 
 
 def names_of(path: Path) -> tuple[str, ...]:
-    """Column names returned by `read_trc`; InputError if the length unit is not one of `UNITS`."""
+    """Column names of the rows that `read_trc` yields, with the length unit of the file.
+
+    InputError for another unit.
+    """
     unit = _unit(path, _header(path))
     return ("time", "target_id", *(f"{axis}_{unit}" for axis in "xyz"))
 
 
 def read_trc(path: Path) -> Iterator[CsvRows]:
-    """Read the rows of all targets by time; InputError, with the line, for invalid content."""
+    """Yield rows (time, target and position as text) of a TRC file, sorted as in the file; empty cells are left out.
+
+    InputError, with the line, for invalid content.
+    """
     header = _header(path)
     names = names_of(path)
     targets = _targets(path, header)
@@ -156,7 +171,7 @@ def read_trc(path: Path) -> Iterator[CsvRows]:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Generate the lines of a text, without line ends."""
+    """Yield the lines of a text file without line ends; InputError unless it is UTF-8."""
     with path.open(encoding="utf-8-sig") as file:
         try:
             for _, line in text_lines(path, file):
@@ -186,7 +201,10 @@ def _unit(path: Path, header: list[str]) -> str:
 
 
 def _targets(path: Path, header: list[str]) -> list[str]:
-    """Target identities of the markers, in order, as text; `header` are the lines of the file's head."""
+    """Target identities of the markers of a TRC file, in order, as text.
+
+    `header` are the first lines of the file. InputError for markers not called target_0, target_1, ...
+    """
     markers = [cell.strip() for cell in header[3].split("\t")[2:] if cell.strip()]
     if not markers:
         raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected", id="missing-value")
@@ -206,9 +224,15 @@ def _targets(path: Path, header: list[str]) -> list[str]:
 
 
 def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterator[tuple[str, ...]]:
-    """Generate time, identity and position of each target in a line, as text.
+    """Yield time, identity and x, y, z, as text, of each target in a line of a TRC file.
 
-    Targets without a position are left out; `targets` are the identities of all markers.
+    Targets without position are omitted.
+
+    Args:
+        path: the file.
+        line: number of the line.
+        text: the line.
+        targets: identities of all markers.
     """
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
@@ -244,7 +268,7 @@ UNIT = 1e-3
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:
-    """Whether the cells of a first line (`head`) are eight numbers, of which the last four are a unit quaternion."""
+    """Whether the cells of a first line are eight numbers, of which the last four are a unit quaternion."""
     if len(head) != COLUMNS:
         return False
     try:
@@ -255,7 +279,7 @@ def looks_like_tum(head: Sequence[str]) -> bool:
 
 
 def read_tum(path: Path) -> Iterator[CsvRows]:
-    """Read rows with the columns `NAMES`; InputError for another number of columns."""
+    """Yield rows with time, x, y and z (as text) of a TUM trajectory; InputError unless it has eight columns."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
             raise InputError(
@@ -265,12 +289,12 @@ def read_tum(path: Path) -> Iterator[CsvRows]:
 
 
 class Trajectories(NamedTuple):
-    """A file of trajectories.
+    """A file of trajectories in a format other than a table with a header.
 
     Attributes:
         kind: the format, in words.
-        names: of the columns of its rows.
-        read: gives the rows.
+        names: names of the columns of its rows.
+        read: function that yields its rows in parts.
     """
 
     kind: str
@@ -319,9 +343,9 @@ FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
 
 
 def find_trajectories(path: Path) -> Trajectories | None:
-    """Recognise the format of a file by its content; None for other files.
+    """Recognise a trajectory format of a file by its content; None for other files.
 
-    InputError for one of a known format with a header that cannot be read.
+    InputError if the header of a known format cannot be read.
     """
     name = recognise(FORMATS, Probe(path, WHAT))
     return None if name is None else FORMATS[name].read(path)

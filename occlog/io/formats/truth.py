@@ -84,14 +84,18 @@ MIN_CORNERS = 3
 
 
 def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
-    """Read the centre of the board over time, as target 0.
+    """Read the centre of a calibration board over time (caliscope), as the truth of target 0.
 
-    The mean of a varying set of corners would jump; so it is computed from the corners present at every time or, if
-    these are fewer than three, from all corners at the times when all are present.
+    The mean of a varying set of corners would jump; it is computed from the corners present at every time or, if these
+    are fewer than three, from all corners at the times when all are present.
 
     Args:
-        path: the file.
-        sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
+        path: the file of triangulated corners.
+        sync_ns: time [ns] of each synchronisation index, from `read_sync_times`; None: not given.
+
+    Raises:
+        UsageError: the times are not given.
+        InputError: a corner is repeated, too few are present, or an index has no time.
     """
     if sync_ns is None:
         raise UsageError(
@@ -149,7 +153,7 @@ def _read(path: Path) -> tuple[Ints, Ints, Floats]:
 
 
 def read_sync_times(path: Path) -> dict[int, int]:
-    """Read the time [ns] of each synchronisation index in caliscope's timestamps.csv: the mean over its cameras."""
+    """Time [ns] of each synchronisation index in caliscope's timestamps.csv: the mean over its cameras."""
     found: dict[int, list[int]] = {}
     for part in read_format(path, SYNC_TIMES):
         for sync, t in zip(part["sync"].tolist(), part.times().tolist(), strict=True):
@@ -158,7 +162,7 @@ def read_sync_times(path: Path) -> dict[int, int]:
 
 
 def _mean(times: list[int]) -> int:
-    """Mean of times [ns], as exact as integers; sums are relative to the first time."""
+    """Mean of integer times [ns], rounded; sums are relative to the earliest one, so that no digits are lost."""
     first = min(times)
     return first + round(sum(t - first for t in times) / len(times))
 
@@ -169,9 +173,16 @@ Row = tuple[int, int, float, float, float, float]
 def read_xml_boxes(
     path: Path, camera: str, times: Mapping[str, FrameTimes], options: BoxOptions
 ) -> Iterator[TruthBoxes]:
-    """Generate tables of true boxes of a camera; a frame listed without an object gets a row with `box` = -1.
+    """Yield tables of true boxes of a camera from XML (PETS, CAVIAR).
 
-    Frames that are not listed have not been annotated: they get no row. `times` are those of frames, by camera.
+    A frame that is listed without an object gets a row with `box` = -1; frames that are not listed have not been
+    annotated, and get no row.
+
+    Args:
+        path: the file.
+        camera: its name.
+        times: frame times by camera.
+        options: first frame number, and selection of frames.
     """
     first, stop = options.frames.of(camera) or (0, 2**62)
     rows: list[Row] = []
@@ -214,9 +225,10 @@ def _tables(
 
 
 def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
-    """Generate frame number (from 0) and rows of every frame, in increasing order; InputError for another order.
+    """Yield number (from 0) and boxes of each `<frame>` of an XML file.
 
-    `first_number` is the number that the file gives to frame 0.
+    `first_number` is the number that the file gives to frame 0. InputError if numbers do not increase or no frame
+    exists.
     """
     last = -1
     found = False
@@ -239,7 +251,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
 
 
 def _elements(path: Path) -> Iterator[Element]:
-    """Generate every element at its end; InputError if the text is not XML."""
+    """Yield every element of an XML file when it is complete; InputError if the text is not XML."""
     with check_input(path, "ground truth (XML)").open("rb") as file:
         ends = iter(ElementTree.iterparse(file))
         while True:
@@ -292,7 +304,7 @@ POSITIONS = TextFormat(
 
 
 def _in_unit(unit: str) -> TextFormat:
-    """Text format of positions in columns named with a length unit: `x_mm`."""
+    """Format of position tables with a length unit in the names of the coordinate columns (`x_mm`)."""
     lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
     return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
 
@@ -302,7 +314,10 @@ IN_UNITS = {unit: _in_unit(unit) for unit in METRES if unit != "m"}
 
 
 def frames_of_positions(path: Path) -> tuple[int, int] | None:
-    """First and last frame number of a position table that has frame numbers instead of times; None for others."""
+    """First and last frame number of a position table that has frame numbers instead of times.
+
+    None for other files, also those that cannot be read.
+    """
     try:
         head = {name_with_unit(cell.lower()) for cell in first_line(path, WHAT)}
         times = {name for names in TIME_COLUMNS.values() for name in names}
@@ -325,9 +340,9 @@ class TruthOptions:
         format: a key of `FORMATS`, or `auto`.
         camera: camera of the boxes of a file that does not state it; None: not given.
         cameras: names of the cameras in use.
-        times: times of the frames of each camera.
-        sync_ns: time of every synchronisation index (caliscope).
-        length_unit: of the positions; that of tables that state none.
+        times: frame times by camera; those of the empty name hold for positions without cameras.
+        sync_ns: time [ns] of each synchronisation index (caliscope); None: not given.
+        length_unit: of the positions that are returned, and of tables that state none.
         boxes: how boxes are to be read.
     """
 
@@ -340,7 +355,10 @@ class TruthOptions:
     boxes: BoxOptions = BoxOptions()
 
     def frame_times(self, where: str) -> FrameTimes:
-        """Frame times of the file's camera, else of all cameras; UsageError if unknown or the cameras disagree."""
+        """Frame times of the file's camera, else those that all cameras have in common; `where` names the file.
+
+        UsageError if they are unknown, or differ between cameras.
+        """
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
@@ -358,7 +376,7 @@ class TruthOptions:
 
 
 class Positions(NamedTuple):
-    """Rows of true positions, with their line numbers."""
+    """n true positions in columns: time [ns], identity, role, x, y, z, and line number in the file."""
 
     t_ns: Ints
     target_id: Ints
@@ -370,7 +388,7 @@ class Positions(NamedTuple):
 
 
 def _csv_positions(part: TextPart, options: TruthOptions) -> Positions:
-    """Positions of a part of a table with a header."""
+    """True positions in some rows of a table with a header; times from their column, or from frame numbers."""
     t_ns = _row_times(part, options)
     return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
@@ -388,7 +406,10 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
-    """Collect the positions of all parts, sorted by time; InputError if a target has two positions at one time."""
+    """Table of the true positions in all parts, sorted by time and target.
+
+    InputError if there is none, or a target has two positions at one time.
+    """
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -408,7 +429,10 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
 
 
 def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
-    """World positions of the rows that have one (last three columns not all -1) and a flag other than 0, or None."""
+    """True world positions in rows of MOTChallenge text; None if there are none.
+
+    They are the last three columns of rows where these are not all -1 and the flag (column 7) is not 0.
+    """
     if len(rows.cells) < 10:
         return None
     x, y, z = rows.floats("7"), rows.floats("8"), rows.floats("9")
@@ -435,7 +459,12 @@ TruthFormat = FileFormat[Callable[[Path, TruthOptions], Iterator[Truth | TruthBo
 
 
 def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    """Read tables of the truth in a file; InputError or UsageError if it cannot be interpreted."""
+    """Yield tables of true positions, true boxes or both from a file or folder, in the stated or recognised format.
+
+    Raises:
+        InputError: the format is unknown, or the content is invalid.
+        UsageError: the camera, or times of frames, are not stated.
+    """
     probe = Probe(path, WHAT)
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
@@ -448,7 +477,7 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
 
 
 def _format(probe: Probe, stated: str) -> str:
-    """Name of a file's format: the one stated, or for `auto` the one that matches; InputError if none does."""
+    """Name of a file's format: the one stated, or for `auto` the first that recognises it; InputError if none does."""
     name = recognise(FORMATS, probe, stated, "truth")
     if name is None:
         remedy, head = "name its columns in a header line", probe.cells
@@ -461,7 +490,7 @@ def _format(probe: Probe, stated: str) -> str:
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:
-    """Camera of the boxes in a file: the one stated, or the only one; UsageError if there are several."""
+    """Name of the camera of a file with boxes: the one stated, or the only one in use; UsageError if it is unclear."""
     if options.camera is not None:
         return options.camera
     if len(options.cameras) == 1:
@@ -516,7 +545,7 @@ def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
 
 
 def _has_places_alone(path: Path) -> bool:
-    """Whether a MOTChallenge text has world positions, and -1 for all box edges."""
+    """Whether MOTChallenge text has ten columns, and -1 for all box edges, so that it has world positions only."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
             return False
@@ -538,7 +567,7 @@ def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | Tr
 
 
 def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    """Generate positions of the people in WILDTRACK's annotations, and their boxes in the cameras in use."""
+    """Yield positions of the people in WILDTRACK's annotations and, if cameras are in use, their boxes in these."""
     first, stop = options.boxes.frames.common or (0, 2**62)
     rows = [
         (frame - options.boxes.first_number, person.identity, person.position, person.entry)

@@ -24,7 +24,7 @@ TRIAL = 4
 
 @dataclass
 class CameraSource:
-    """Frames of one camera; `losses` is complete when all frames have been read."""
+    """Frames of one camera from a running decoder, with their times; `losses` is complete when all have been read."""
 
     name: str
     path: Path
@@ -34,7 +34,10 @@ class CameraSource:
     losses: list[Loss] = field(default_factory=list)
 
     def frames(self) -> Iterator[tuple[int, Delivered]]:
-        """Generate (t_ns, frame) sorted by time; frames without a time stamp are losses."""
+        """Yield (world time [ns], frame) sorted by time.
+
+        Frames without a time stamp, or with one that is not later than the previous, are skipped and added to `losses`.
+        """
         stream = self._with_times()
         last: int | None = None
         late: list[int] = []
@@ -79,9 +82,9 @@ class CameraSource:
             self.losses.append(Loss(self.path.name, f"from frame {announced} on", what, count - announced))
 
     def _streamed(self, delivered: Iterator[Delivered]) -> Iterator[tuple[int, Delivered]]:
-        """Generate (t_ns, frame) of a container that only the decoder can read.
+        """Yield (world time [ns], frame) of a video container that only the decoder can read.
 
-        Times are its time stamps if they increase, else follow from the frame rate.
+        Times are the decoder's time stamps if those of the first frames increase, else follow from the frame rate.
         """
         head = list(islice(delivered, TRIAL))
         stamps = [frame.pos_ns for frame in head]
@@ -111,7 +114,7 @@ def video_source(
     quality: int,
     keys: list[int] | None = None,
 ) -> CameraSource:
-    """Start decoding a video.
+    """Start decoding a video in another process.
 
     Args:
         name: of the camera.
@@ -119,9 +122,9 @@ def video_source(
         times: of its frames.
         start: first frame.
         stop: frame after the last; None: to the end.
-        store: png, jpeg, raw or none (times only).
+        store: form in which frames are delivered: png, jpeg, raw or none (times only).
         quality: of JPEG, 1 to 100.
-        keys: as in `DecodingJob`.
+        keys: numbers of key frames, after which damage ends; None: frames after damage are used.
     """
     job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
     if keys is not None:
@@ -132,14 +135,15 @@ def video_source(
 def image_source(
     name: str, folder: ImageFolder, *, start: int, stop: int | None, store: str, quality: int
 ) -> CameraSource:
-    """Start reading an image folder; InputError if it has none of the frames.
+    """Start reading an image folder in another process; InputError if it has none of the frames.
 
     Args:
         name: of the camera.
         folder: its images and times.
         start: first frame.
         stop: frame after the last; None: to the end.
-        store: png, jpeg, raw, none (times only), or keep: PNG and JPEG files as they are.
+        store: form in which frames are delivered: png, jpeg, raw, none (times only), or keep: PNG and JPEG files as
+            they are.
         quality: of JPEG, 1 to 100.
     """
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]

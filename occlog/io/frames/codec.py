@@ -48,7 +48,10 @@ _MPO_BYTES = 1 << 17
 
 
 def is_multi_image(data: bytes) -> bool:
-    """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several different pictures."""
+    """Whether an image file (WebP, GIF, AVIF, TIFF, JPEG) holds several different pictures; `data` are its bytes.
+
+    Damaged files count as single.
+    """
     if data[:4] == b"RIFF":
         return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
     try:
@@ -64,7 +67,7 @@ def is_multi_image(data: bytes) -> bool:
 
 
 def _blocks(data: bytes) -> int:
-    """Count the pictures of a GIF image, up to two."""
+    """Number of pictures in a GIF file (bytes), at most 2."""
     at, pictures = 13 + _colours(data, 10), 0
     while pictures < 2 and at < len(data):
         if data[at] == _GIF_IMAGE:
@@ -81,13 +84,13 @@ def _blocks(data: bytes) -> int:
 
 
 def _colours(data: bytes, at: int) -> int:
-    """Size [bytes] of the colour table declared by the GIF flag byte at position `at`; 0: there is none."""
+    """Size [bytes] of the colour table that the GIF flag byte at index `at` declares; 0: there is none."""
     (flags,) = struct.unpack_from("B", data, at)
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
 def _sequence(data: bytes) -> int:
-    """Number of pictures in the longest track of an AVIF image; 1 for a single image."""
+    """Number of pictures in the longest track of an AVIF file (bytes); 1 for a single image."""
     (size,) = struct.unpack_from(">I", data)
     pictures, at = 1, size
     if _SEQUENCE in data[8:size]:
@@ -98,7 +101,7 @@ def _sequence(data: bytes) -> int:
 
 
 def _pages(data: bytes) -> int:
-    """Number of pages of a TIFF image (up to two), excluding thumbnails and masks."""
+    """Number of pages of a TIFF file (bytes), at most 2, without thumbnails and masks."""
     order, large = _ORDERS[data[:2]], b"+" in data[:4]
     count, entry, offset_format = ("Q", 20, "Q") if large else ("H", 12, "I")
     (at,) = struct.unpack_from(order + offset_format, data, 8 if large else 4)
@@ -113,7 +116,7 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Whether a page's entries mark it as a thumbnail or mask of another page.
+    """Whether the entries of a TIFF page mark it as a thumbnail or mask of another page.
 
     Args:
         data: TIFF file.
@@ -133,7 +136,7 @@ def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> boo
 
 
 def _views(data: bytes) -> int:
-    """Number of pictures of a JPEG image (CIPA DC-007), excluding previews and gain maps."""
+    """Number of pictures in a JPEG file (multi-picture format, CIPA DC-007), without previews and gain maps."""
     base = data.find(b"MPF\0", 0, _MPO_BYTES) + 4
     order = _ORDERS.get(data[base : base + 2]) if base > 3 else None
     if order is None:
@@ -156,21 +159,21 @@ FULL, FULL_16 = 255, 65535
 
 
 def stated_white(data: bytes) -> int | None:
-    """Maximum value (white) declared by a PNM image; None for other formats."""
+    """Maximum value (white) that the header of a PNM file declares; None for other files."""
     found = _HEAD.match(data)
     return None if found is None else int(found[4])
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Whether OpenCV scales the declared maximum `most` to 255: in text up to 255, and for full 8 or 16 bits.
+    """Whether OpenCV scales the declared maximum `most` of a PNM file (`data`) to 255.
 
-    `data` is the file (PNM).
+    It does for text with a maximum up to 255, and for the full range of 8 or 16 bits.
     """
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 
 def scaled(image: np.ndarray, most: int) -> Image:
-    """Scale a decoded image so that the declared maximum `most` becomes 255, rounding down as OpenCV does."""
+    """Image of 8 bits in which the declared maximum `most` of a decoded image is 255, rounded down as OpenCV does."""
     shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
     out = np.empty(image.shape, np.uint8)
     for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
@@ -204,14 +207,17 @@ BLACK = 24
 
 
 def image_kind(data: bytes) -> str | None:
-    """`png` or `jpeg` by the first bytes; None for others."""
+    """`png` or `jpeg` by the first bytes of an image file; None for other files."""
     if data.startswith(PNG_MARK):
         return "png"
     return "jpeg" if data.startswith(b"\xff\xd8\xff") else None
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height [px] of a PNG or JPEG image by its header; None if not stated, or for others."""
+    """Width and height [px] of a PNG or JPEG file by its header, before rotation.
+
+    None if not stated, or for other files.
+    """
     if image_kind(data) == "png" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
@@ -219,13 +225,13 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def shown_size(data: bytes) -> tuple[int, int] | None:
-    """Return the size of an image as decoded, rotated by its Exif data; see `image_size`."""
+    """Width and height [px] of a PNG or JPEG file as decoded, after the rotation by its Exif data; None if unknown."""
     size = image_size(data)
     return size if size is None or _orientation(data) not in SIDEWAYS else size[::-1]
 
 
 def _orientation(data: bytes) -> int:
-    """Return the Exif orientation, 1 to 8; 1 (no rotation) if missing."""
+    """Exif orientation of a PNG or JPEG file, 1 to 8; 1 (no rotation) if missing."""
     png = image_kind(data) == "png"
     at = data.find(b"eXIf", 0, data.find(b"IDAT")) + 4 if png else data.find(b"Exif\0\0", 0, EXIF_BYTES) + 6
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[at : at + 4])
@@ -255,7 +261,10 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def image_damage(data: bytes) -> str | None:
-    """Description of damage that markers and check sums of a PNG or JPEG image reveal; None if intact."""
+    """Description of damage that markers and check sums of a PNG or JPEG file reveal, or of several pictures in it.
+
+    None if the file is intact.
+    """
     kind = image_kind(data)
     if kind == "png":
         return _png_damage(data)
@@ -267,7 +276,7 @@ def image_damage(data: bytes) -> str | None:
 
 
 def _scans(data: bytes) -> int:
-    """Number of scans of a progressive JPEG image, by their marks."""
+    """Number of scans of a JPEG file (bytes), by their markers."""
     values = np.frombuffer(data, np.uint8)
     return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
@@ -290,7 +299,10 @@ def _png_damage(data: bytes) -> str | None:
 
 
 def check_image(data: bytes, where: str) -> None:
-    """InputError for images too large, or damaged by their markers and check sums; `where` names the image."""
+    """InputError for an image file that is too large, damaged by its markers and check sums, or holds several pictures.
+
+    `where` names the image, for messages.
+    """
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
@@ -300,9 +312,13 @@ def check_image(data: bytes, where: str) -> None:
 
 
 def decode_image(data: bytes, where: str) -> Image:
-    """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
+    """Decode an image file: (h, w, 3) BGR or (h, w) grey, 8 bits; rotated by its Exif data.
 
-    For the decoding process, which parses untrusted bytes instead of the command. `where` names the image in messages.
+    For use in the decoding process, which parses untrusted bytes in place of the command. `where` names the image in
+    messages.
+
+    Raises:
+        InputError: the image is damaged, too large, of an unknown format, or nearly black in 8 bits.
     """
     check_image(data, where)
     most = stated_white(data)
@@ -325,9 +341,9 @@ def decode_image(data: bytes, where: str) -> Image:
 
 
 def _check_depth(data: bytes, where: str) -> None:
-    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded.
+    """InputError for 16-bit images that use their lowest 12 bits only, since only the upper 8 bits are decoded.
 
-    `where` names the image.
+    `data` is the file, `where` names it in messages.
     """
     if not _is_deep(data):
         return
@@ -337,7 +353,7 @@ def _check_depth(data: bytes, where: str) -> None:
 
 
 def is_dark(most: int, full: int) -> bool:
-    """Whether a 16-bit image uses its lowest 12 bits only, so that it would be nearly black in 8 bits.
+    """Whether an image of 16 bits uses its lowest 12 bits only, so that it would be nearly black in 8 bits.
 
     Args:
         most: largest value in the image.
@@ -347,7 +363,7 @@ def is_dark(most: int, full: int) -> bool:
 
 
 def dim_values(most: int, full: int) -> Facts:
-    """Fact that a 16-bit image uses its lowest 14 bits only; empty if it uses more, or 12 at most (see `is_dark`).
+    """Fact `values-dim` if an image of 16 bits uses its lowest 13 or 14 bits; else empty.
 
     Args:
         most: largest value in the image.
@@ -370,18 +386,21 @@ EXIF = {
 
 
 def image_facts(data: bytes, image: Image) -> Facts:
-    """Facts that an image file states: rotation, and number of bits used of 16."""
+    """Facts, as ids of findings with values, on an image file: rotation by Exif data, and use of 14 of 16 bits only.
+
+    `data` is the file, `image` the decoded image.
+    """
     facts: Facts = [("pictures-turned", {"how": EXIF[turn]})] if (turn := _orientation(data)) in EXIF else []
     return [*facts, *(dim_values(int(image.max()), FULL) if _is_deep(data) else ())]
 
 
 def _is_deep(data: bytes) -> bool:
-    """Whether values of an image may have 16 bits."""
+    """Whether values of an image file may have 16 bits, by its header."""
     return data[24:25] == b"\x10" if image_kind(data) == "png" else data.startswith(DEEP_MARKS)
 
 
 def dark_bars(image: Image) -> tuple[int, int, int, int]:
-    """Widths of black bars at the left, top, right and bottom edge [px]."""
+    """Widths [px] of black bars at the left, top, right and bottom edge of an image; 0 for one that is all black."""
     grey = image if image.ndim == 2 else image.max(axis=2)
     columns, rows = grey.mean(axis=0) > BLACK, grey.mean(axis=1) > BLACK
     if not columns.any() or not rows.any():
@@ -392,7 +411,10 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
 def encode_image(image: Image, kind: str, quality: int) -> bytes:
     """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine.
 
-    `kind` is png or jpeg, `quality` that of JPEG, 0 to 100.
+    Args:
+        image: (h, w, 3) BGR or (h, w) grey.
+        kind: `png` or `jpeg`.
+        quality: of JPEG, 0 to 100.
     """
     if kind == "png":
         # A third faster than the default, and smaller on photographs.
@@ -414,7 +436,10 @@ MAX_SEARCH = 4096
 
 
 def size_changes(path: Path) -> Changes:
-    """Changes of frame size over a video, including the first size; empty for unsupported codecs."""
+    """Frame sizes over a video: (time [ns after the start], (width, height) from then on), the first size first.
+
+    Read from the compressed packets; empty for codecs other than motion JPEG, PNG, VP8 and H.264.
+    """
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1])
     changes: Changes = []
@@ -430,16 +455,16 @@ def size_changes(path: Path) -> Changes:
 
 
 def size_at(changes: Changes, pos_ns: float) -> Size | None:
-    """Frame size at a time [ns] in a video; None if it is unknown.
+    """Frame size (width, height) at a time [ns] in a video; None if it is unknown.
 
-    `changes` are times and the sizes from then on, in order.
+    `changes` are times [ns] and the sizes from then on, in order (`size_changes`).
     """
     k = bisect_right([at for at, _ in changes], pos_ns + 1e3) - 1
     return changes[k][1] if k >= 0 else None
 
 
 def packet_size(data: bytes) -> Size | None:
-    """Width and height stated in a packet of compressed video; None if absent."""
+    """Width and height that a packet of compressed video (JPEG, PNG, VP8, H.264) states; None if it states none."""
     if data[:2] == b"\xff\xd8" or data[:4] == b"\x89PNG":
         return image_size(data)
     # A key frame of VP8: RFC 6386 sec. 9.1.
@@ -452,7 +477,7 @@ def packet_size(data: bytes) -> Size | None:
 
 
 def _h264_size(data: bytes) -> Size | None:
-    """Size (width, height) in the first sequence parameter set of an Annex B packet; None without one."""
+    """Width and height in the first sequence parameter set of an H.264 packet (Annex B); None without one."""
     at = data.find(START_CODE, 0, MAX_SEARCH)
     # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) resemble parameters
     if not b"\0" < data[at + 3 : at + 4] < b"\x80":
@@ -476,14 +501,14 @@ class _Bits:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def u(self, n: int) -> int:
-        """Next n bits as an unsigned integer."""
+        """Read the next n bits as an unsigned integer; IndexError at the end of the data."""
         self._left -= n
         if self._left < 0:
             raise IndexError
         return self._value >> self._left & ((1 << n) - 1)
 
     def ue(self) -> int:
-        """Next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1)."""
+        """Read the next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1); IndexError at the end of the data."""
         zeros = 0
         while not self.u(1):
             zeros += 1
@@ -499,7 +524,7 @@ _HIGH_PROFILES = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
 
 
 def _parameters(bits: _Bits) -> Size:
-    """Size of a sequence parameter set, ITU-T H.264 sec. 7.3.2.1.1."""
+    """Width and height, cropped, of an H.264 sequence parameter set (ITU-T H.264 sec. 7.3.2.1.1)."""
     profile = bits.u(8)
     bits.u(16)
     bits.ue()
@@ -528,7 +553,7 @@ def _parameters(bits: _Bits) -> Size:
 
 
 def _high_profile(bits: _Bits) -> int:
-    """Read the parameters of high profiles; return the chroma format."""
+    """Skip the parameters of high profiles in an H.264 sequence parameter set; return `chroma_format_idc`."""
     chroma = bits.ue()
     if chroma == 3:
         bits.u(1)

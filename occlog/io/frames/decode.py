@@ -38,7 +38,7 @@ ESTIMATE_SLACK = 0.02
 
 
 class FrameLedger:
-    """Record of the frames start <= number < stop of one video as they are delivered."""
+    """Record of which frames start <= number < stop of a video were delivered, and why others were not."""
 
     def __init__(
         self,
@@ -62,7 +62,11 @@ class FrameLedger:
         self._refused: dict[str, list[int]] = {}
 
     def accept(self, index: int) -> bool:
-        """Return whether picture `index` is used: numbered, in the range, later than the last one, and complete."""
+        """Whether picture `index` is used.
+
+        It is if it has a number, is in the range, later than the last one, and its bytes are complete in the file.
+        Pictures without a number (-1), or in the range and not later than the last one, are counted.
+        """
         if index < 0 or (self._start <= index <= self._last):
             self._unplaced += 1
             return False
@@ -73,12 +77,15 @@ class FrameLedger:
         return index >= len(broken) or not broken[index]
 
     def note(self, index: int, complaint: str) -> None:
-        """Record a decoder message about picture `index`, which was delivered nevertheless; empty: there was none."""
+        """Record the decoder's message about damage of picture `index`, which is delivered nevertheless.
+
+        Empty: no message.
+        """
         if complaint:
             self._complaints.append((index, complaint))
 
     def refuse(self, index: int, why: str) -> None:
-        """Record that picture `index` is not used, with the reason."""
+        """Record that picture `index` is not used, and why."""
         self._refused.setdefault(why, []).append(index)
         self._see(index)
 
@@ -87,7 +94,7 @@ class FrameLedger:
             self._seen[index] = True
 
     def fits(self, index: int, size: tuple[int, int]) -> bool:
-        """Check the size (width, height) of decoded picture `index`; False, which is recorded, for another size."""
+        """Record that picture `index` was decoded; return whether it has the expected size (width, height)."""
         self.met += 1
         self._see(index)
         if size == self._size:
@@ -96,11 +103,11 @@ class FrameLedger:
         return False
 
     def misplaced(self) -> None:
-        """Record that pictures are stored in another order than displayed, and some were dropped."""
+        """Record that pictures are stored in another order than shown, and some dropped: numbers are uncertain."""
         self._misplaced = True
 
     def faults(self) -> Iterator[Loss]:
-        """Generate the faults of the container itself, as losses."""
+        """Yield a loss for each fault of the container itself."""
         for location, what in self._container.problems if self._container else ():
             yield Loss(self._path.name, location, what)
 
@@ -124,7 +131,10 @@ class FrameLedger:
         )
 
     def report(self, lost: Callable[[Loss], None]) -> None:
-        """Report all frames missing from the range, and possible damage, as losses to `lost`."""
+        """Call `lost` with a loss for each run of frames that are missing, refused, of another size or damaged.
+
+        Faults of the container are reported, too, if there are any such frames or the video was read to its end.
+        """
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         for why, frames in self._refused.items():
             losses += _segments(self._path.name, np.array(frames, dtype=np.int64), why)
@@ -149,7 +159,7 @@ class FrameLedger:
         yield from _segments(self._path.name, gone[~broken], "could not be decoded")
 
     def _estimated(self) -> Iterator[Loss]:
-        """Report missing frames by the decoder's estimated frame count, for containers that occlog cannot parse."""
+        """Yield a loss if fewer frames were decoded than the decoder estimates; for containers occlog cannot parse."""
         if self._frames is None:
             return
         wanted = (self._frames if self._stop is None else min(self._frames, self._stop)) - self._start
@@ -165,7 +175,7 @@ class FrameLedger:
             yield from _segments(self._path.name, frames, f"{size[0]} x {size[1]} px where {want} was expected")
 
     def _reported(self) -> Iterator[Loss]:
-        """Report pictures delivered with decoder errors."""
+        """Yield a loss for each run of pictures that were delivered with messages of the decoder about damage."""
         texts = dict(self._complaints)
         for loss in _segments(self._path.name, np.array(sorted(texts), dtype=np.int64), ""):
             first = texts[int(loss.place.split()[1].split("-")[0])] if loss.place.startswith("frame") else "errors"
@@ -174,9 +184,14 @@ class FrameLedger:
 
 
 def _segments(source: str, frames: Ints, what: str) -> Iterable[Loss]:
-    """Losses of the rising frame numbers `frames`, one for each run of consecutive numbers.
+    """Yield a loss for each run of consecutive numbers in the sorted frame numbers (n,).
 
-    Of more than `MAX_SEGMENTS` runs the rest is one loss; `what` is the reason.
+    After `MAX_SEGMENTS` runs the rest is one loss.
+
+    Args:
+        source: name of the file.
+        frames: (n,) increasing frame numbers.
+        what: what is wrong with them.
     """
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
     for run in runs[:MAX_SEGMENTS]:
@@ -208,7 +223,7 @@ DEEP_CODES = ("RGB0", "BGR0", "RBA@", "BRA@")
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A decoded frame: number, time since the start of the file (NaN: unknown), image."""
+    """A decoded frame: number, time since the start of the file [ns] (NaN: unknown), and image."""
 
     index: int
     pos_ns: float
@@ -217,7 +232,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """An open video with its first frame decoded: properties, and frames, which can be read once."""
+    """An open video with its first frame decoded: its properties, and the decoder.
+
+    The frames of the decoder can be read once.
+    """
 
     path: Path
     size: tuple[int, int]  # width, height
@@ -235,12 +253,15 @@ class VideoFile:
 def examine(
     path: Path, allow_pixels: Callable[[int], None] = lambda _: None, complaint: Callable[[], str] = lambda: ""
 ) -> VideoFile:
-    """Size, frame count and rate of a video; InputError unless at least one frame can be decoded.
+    """Open a video and decode its first frame; return its size, frame count, rate and other properties.
 
     Args:
         path: the video file.
-        allow_pixels: is called with the number of pixels of a frame, which is within the limit, before one is decoded.
-        complaint: what the decoder has written about damage since the last call, "" if nothing.
+        allow_pixels: called with the number of pixels of a frame, which is within the limit, before one is decoded.
+        complaint: returns what the decoder has written about damage since the last call, "" if nothing.
+
+    Raises:
+        InputError: the file is no video, frames are too large, or not one frame can be decoded.
     """
     check_input(path, WHAT)
     container = read_container(path)
@@ -335,7 +356,10 @@ def _describe(
 
 
 def _remedied(path: Path, what: str) -> str:
-    """Reason why the decoder failed to convert a video, with a command that converts it; `what` is FFmpeg's message."""
+    """Why the decoder cannot convert the pictures of a video, and a command that converts the file.
+
+    `what` is FFmpeg's message.
+    """
     if "interlaced" in what.lower():
         command = _conversion(path, "-vf bwdif=send_frame ")
         return f"it is interlaced, of which OpenCV makes no pictures; deinterlace it: {command}"
@@ -343,16 +367,16 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _conversion(path: Path, filters: str = "") -> str:
-    """Command that converts a video to H.264."""
+    """FFmpeg command, for the user, that converts the video `path` to H.264; `filters` are further options."""
     made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
     return f"ffmpeg -i {shlex.quote(str(path))} {filters}-an -c:v libx264 -crf 12 {made}"
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """How a file says that its pictures are rotated or mirrored, as at most one fact.
+    """Fact (id of a finding with values) that a video file asks for rotated or mirrored pictures; empty if it does not.
 
-    It is `pictures-turned` if the decoder applies this, `pictures-not-turned` if not. Of rotations, those by multiples
-    of 90 degrees are applied.
+    `pictures-turned` if the decoder applies this, `pictures-not-turned` if not; of rotations, multiples of 90 degrees
+    are applied.
     """
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if container is not None and container.mirror:
@@ -365,13 +389,13 @@ def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Fact
 
 
 def _aspect(capture: cv2.VideoCapture) -> Facts:
-    """Pixel aspect ratio, unless pixels are square."""
+    """Fact (id of a finding with values) that pixels of a video are not square; empty if they are."""
     across, down = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
     return [("pixels-not-square", {"across": across, "down": down})] if min(across, down) > 0 and across != down else []
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
-    """Time stamp of the first frame, minus the decoder's time of it [s]; NaN if unknown."""
+    """Offset of the file's time stamps from the decoder's times [s], by the first frame; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
@@ -389,19 +413,20 @@ def decode(
     target: Callable[[], Image | None] | None = None,
     keys: Collection[int] | None = None,
 ) -> Iterator[Picture]:
-    """Generate the frames start <= number < stop in order; missing ones are reported to `lost` at the end.
-
-    InputError where the range holds no frame that can be used.
+    """Yield the frames start <= number < stop of a video in order; missing ones are reported to `lost` at the end.
 
     Args:
-        video: the file, as `examine` found it; it is closed at the end.
-        start: first frame number requested.
-        stop: first frame number after the range; None: to the end.
-        lost: is called for everything that should be there and is not.
-        sizes: where the size of the frames changes, as `size_changes` finds it.
-        target: gives what the next frame may be decoded into, if it has that size.
-        keys: frames that need no other one: after a frame that is missing or damaged those before the next of them are
-            lost; None: such frames are used, and reported.
+        video: the file, as `examine` opened it; it is closed at the end.
+        start: first frame number.
+        stop: frame number after the last; None: to the end.
+        lost: called with a loss for all that should be there and is not.
+        sizes: times and frame sizes at which the size changes (`size_changes`); None: all frames have the first size.
+        target: returns the array into which the next frame may be decoded, or None.
+        keys: numbers of key frames: after a missing or damaged frame, those before the next key frame are lost; None:
+            such frames are used, and reported.
+
+    Raises:
+        InputError: the range has no frame that can be used.
     """
     size = sizes[0][1] if sizes else video.size
     ledger = FrameLedger(video.path, video.container, video.frames, size, start, stop)
@@ -458,7 +483,9 @@ def _raw_pictures(
     complaint: Callable[[], str],
     mirror: Callable[[Image], Image] | None = None,
 ) -> Iterator[_Raw]:
-    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped.
+    """Yield every picture that the decoder delivers, numbered in sequence; failed reads are skipped, and count.
+
+    The picture is fetched, and mirrored if required, on request, before the next one is read.
 
     Args:
         frames: number of frames by the container; None: unknown.
@@ -490,10 +517,15 @@ def _raw_pictures(
 def _retrieve(
     capture: cv2.VideoCapture, target: Image | None, complaint: Callable[[], str]
 ) -> tuple[Image | None, str]:
-    """Retrieve the last decoded picture (None on failure), and the reason of a failed conversion.
+    """Convert the picture that was decoded last.
 
-    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message,
-    which `complaint` returns. `target` is an array that may be filled.
+    Return it (None on failure), and the message about a failed conversion. If FFmpeg refuses the conversion, OpenCV
+    returns an unfilled buffer; the failure is detected by FFmpeg's message.
+
+    Args:
+        capture: the decoder.
+        target: array that may be filled; None: a new one.
+        complaint: returns what FFmpeg has reported since the last call.
     """
     try:
         ok, image = capture.retrieve(target)
@@ -504,9 +536,12 @@ def _retrieve(
 
 
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:
-    """Number pictures by the container's list of frames, if the first few fit it.
+    """Yield pictures numbered by the container's list of frames, if the first few fit it; else numbered in sequence.
 
-    `misplaced` is called if numbers near dropped frames are uncertain.
+    Args:
+        container: lists the frames; None: it cannot be parsed.
+        pictures: in the order of the decoder.
+        misplaced: called if numbers near dropped frames are uncertain.
     """
     head: list[_Raw] = []
     for raw in pictures:
@@ -528,7 +563,7 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: C
 
 
 def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
-    """Number pictures by the container's list of frames, minus the decoder's delay of `late` frames.
+    """Yield pictures numbered by the container's list of frames, minus the decoder's delay of `late` frames.
 
     The last `late` pictures come after all packets, without a time: they are numbered in sequence.
     """
@@ -544,7 +579,7 @@ def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterat
 
 
 def _lateness(container: Container | None, first: _Raw) -> int:
-    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture; 0 for others.
+    """Delay of the decoder in an AVI file, in packets between reading a picture and its delivery; 0 for other files.
 
     With B-frames the first picture is delivered with a later packet. Undecodable pictures have the same effect, but are
     reported by the decoder. `first` is the first picture that is delivered.
@@ -556,12 +591,12 @@ def _lateness(container: Container | None, first: _Raw) -> int:
 
 
 def _distinct(container: Container | None) -> bool:
-    """Whether all frame times of the container are different."""
+    """Whether the container lists frame times, and they strictly increase; False for None."""
     return container is not None and container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
 def _place(container: Container | None, raw: _Raw) -> int:
-    """Number of a picture in the container's list of frames; -1 if not found."""
+    """Number of a picture in the container's list of frames, by its time stamp; -1 if there is no such frame."""
     if container is None or container.pts_ns is None or not len(container.pts_ns) or not math.isfinite(raw.pos_ns):
         return -1
     if container.packets is not None:
@@ -576,9 +611,9 @@ def _place(container: Container | None, raw: _Raw) -> int:
 
 
 def _tolerance(pts: Ints, k: int) -> float:
-    """Tolerance [ns] for matching a time stamp with frame k: half the distance to the nearer neighbour, at most 5 ms.
+    """Tolerance [ns] for matching a time stamp with frame k: half the interval to the nearer neighbour, at most 5 ms.
 
-    `pts` (n,) are the rising times of all frames [ns].
+    `pts` (n,) are the increasing times of all frames [ns].
     """
     gaps = np.diff(pts[max(k - 1, 0) : k + 2])
     return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

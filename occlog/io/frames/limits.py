@@ -28,10 +28,10 @@ WRITTEN = 16 * 2**20
 
 
 def lower_limits(memory: int | None = MEMORY) -> None:
-    """Set the limits of this process that do not depend on the file.
+    """Set the resource limits of this process that do not depend on the file: memory, core dumps, files.
 
     Args:
-        memory: address space [B]; None: as much as there is.
+        memory: address space [bytes]; None: not limited.
     """
     if LIMITED:
         if memory is not None:
@@ -42,20 +42,20 @@ def lower_limits(memory: int | None = MEMORY) -> None:
 
 
 def allow_pixels(pixels: int) -> None:
-    """Raise the memory limit for frames of this many pixels."""
+    """Set the limit of address space to what frames of this many pixels need."""
     if LIMITED:
         _set(resource.RLIMIT_AS, MEMORY + MEMORY_PER_PIXEL * pixels)
 
 
 class CpuTimeLimit:
-    """Limit of CPU time per frame: the process limit is extended with every frame."""
+    """Limit of the processor time of this process per frame: it is extended with every frame."""
 
     def __init__(self, path: Path | None = None, seconds: int | None = None) -> None:
-        """Begin.
+        """Set the limit for the first frame.
 
         Args:
-            path: of a file that is passed over first, which is given time.
-            seconds: from one frame to the next [s]; None: `SECONDS`.
+            path: file that is read as a whole first, for which time is added by its size; None: no such file.
+            seconds: processor time from one frame to the next [s]; None: `SECONDS`.
         """
         size = 0
         if path is not None:
@@ -74,7 +74,10 @@ class CpuTimeLimit:
 
 
 def _set(kind: int, value: int) -> None:
-    """Set the soft limit of the resource `kind`, at most to the hard one; without an error if that is not possible."""
+    """Set the soft limit of the resource `kind` (`resource.RLIMIT_...`), at most to the hard one.
+
+    Errors are ignored.
+    """
     with suppress(ValueError, OSError):
         _, hard = resource.getrlimit(kind)
         resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

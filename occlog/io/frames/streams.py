@@ -38,21 +38,21 @@ STREAM_MARKS = (b"\0\0\0\1", b"\xff\xd8\xff")
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a time stamp file called `name` (see `occlog.io.files.timing.times`).
+    """Frame times from a time stamp file called `name`.
 
-    `table_ns` (n,) are its times [ns], counted from `start_ns`.
+    `table_ns` (n,) has the times of frames 0..n-1 [ns], counted from `start_ns`.
     """
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 
 def rate_times(rate: Fraction, origin: str, start_ns: int = 0, steps: Ints | None = None) -> FrameTimes:
-    """Times of frames from a frame rate.
+    """Frame times from a frame rate.
 
     Args:
         rate: frames per second.
-        origin: who gave it.
-        start_ns: time of the first frame.
-        steps: (n,) how many intervals after the start each frame was taken; None: frame k after k of them.
+        origin: where the rate comes from, for messages.
+        start_ns: time of frame 0 [ns].
+        steps: (n,) number of frame intervals from the start to each frame; None: frame k is k intervals after it.
     """
     source = f"frame rate {float(rate):.10g} fps ({origin})"
     if steps is None:
@@ -63,20 +63,21 @@ def rate_times(rate: Fraction, origin: str, start_ns: int = 0, steps: Ints | Non
 def video_times(
     path: Path, stated_hz: float | None = None, *, fps: Fraction | None = None, start_ns: int = 0
 ) -> FrameTimes:
-    """Times of the frames of a video without a time stamp file.
+    """Times of the frames of a video without a time stamp file: its time stamps, or its frame rate.
 
     Args:
         path: the video file.
         stated_hz: frame rate that the decoder found, for containers that only it can read.
-        fps: frame rate given by the user, which is then taken instead of the container's stamps.
+        fps: frame rate given by the user, which replaces the container's time stamps.
         start_ns: time of the first frame.
 
     Returns:
-        Times with `table_ns` and `rate` both None if only the decoder knows the
-        time stamps: containers other than MP4, MKV and AVI, and damaged ones.
+        Times with `table_ns` and `rate` both None if only the decoder knows the time stamps: containers other than MP4,
+            MKV and AVI, and damaged ones.
 
     Raises:
-        InputError: the file cannot be read, has no container, or its time stamps repeat and it states no frame rate.
+        InputError: the file cannot be read, is a stream without a container and thus without times, or its time stamps
+            repeat and it states no frame rate.
     """
     container = read_container(path)
     if fps is not None:
@@ -105,7 +106,7 @@ def video_times(
 
 
 def _plausible(container: Container) -> bool:
-    """Whether the container states a separate time for every frame."""
+    """Whether the container states strictly increasing times of its frames."""
     return container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
@@ -117,7 +118,7 @@ NS_DIGITS = 18
 
 
 def list_images(folder: Path) -> list[Path]:
-    """Image files of a folder in natural order (img2 before img10); InputError if missing."""
+    """Image files of a folder in natural order (img2 before img10); InputError if the folder or images are missing."""
     if not folder.exists():
         raise InputError(f"{folder}: no such folder; a folder of images was expected", id="file-not-found")
     if not folder.is_dir():
@@ -131,7 +132,10 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def numbers_of(files: list[Path]) -> list[int]:
-    """Last number in the name of each of the files, strictly increasing; InputError if missing or repeated."""
+    """Last number in the name of each file, as its frame number.
+
+    InputError if a name has none, or numbers do not strictly increase or reach `MAX_FRAMES`.
+    """
     from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not need
 
     numbers: list[int] = []
@@ -169,13 +173,13 @@ def load(
     lost: Callable[[Loss], None],
     complaint: Callable[[], str] = lambda: "",
 ) -> Iterator[tuple[Picture, bytes]]:
-    """Generate picture and file content of each image; unusable ones are reported to `lost` and skipped.
+    """Yield each usable image of a folder, with the bytes of its file; others are reported to `lost` and skipped.
 
     Args:
         files: (frame number, file) in order.
         size: width and height that every image must have [px].
-        lost: is called for every image that is skipped.
-        complaint: what the decoder has written about damage since the last call, "" if nothing.
+        lost: called with a loss for every image that is skipped.
+        complaint: returns what the decoder has written about damage since the last call, "" if nothing.
     """
     for index, file in files:
         try:
@@ -201,7 +205,7 @@ def load(
 
 @dataclass(frozen=True, eq=False)
 class ImageFolder:
-    """Images of one camera: (frame number, file) in order, with times of frame numbers."""
+    """Images of one camera in a folder: (frame number, file) in order, and the times of frame numbers."""
 
     path: Path
     files: tuple[tuple[int, Path], ...]
@@ -215,14 +219,18 @@ def read_folders(
     starts_ns: Mapping[str, int],
     first_number: int | None = None,
 ) -> dict[str, ImageFolder]:
-    """Image folders of several cameras.
+    """Find the images of several cameras, with their frame numbers and times, in folders.
 
     Args:
         folders: folder of each camera.
-        sidecars: (times, file name) of cameras that have a sidecar file.
-        fps: frame rate of cameras with images that are numbered.
-        starts_ns: time of frame 0 of each camera; 0 where not given.
+        sidecars: (times [ns], file name) of cameras that have a time stamp file.
+        fps: frame rate of cameras with numbered images.
+        starts_ns: time of frame 0 of each camera [ns]; 0 if not given.
         first_number: number in the name that is frame 0; None: the smallest one of all folders.
+
+    Raises:
+        InputError: images are missing, or their names have no increasing numbers or times.
+        UsageError: numbered images have no frame rate, or images named by times have a start time.
     """
     from occlog.records.columns import MAX_NS
 

@@ -30,10 +30,10 @@ VP8 rather than VP9, which OpenCV codes five times slower for files a quarter sm
 
 
 class VideoWriter:
-    """Writer of a video file, a context manager; the file appears when the block ends without an error.
+    """Base class of video writers, context managers; the file appears when the block ends without an error.
 
-    `bytes` and `sha256` are available then. Since OpenCV reports no write errors, the frames in the file are counted at
-    the end, and compared for lossless video.
+    `frames`, `bytes` and `sha256` of the file are known then. Since OpenCV reports no write errors, the frames in the
+    file are counted at the end, and compared for lossless video.
     """
 
     code = ""
@@ -49,10 +49,14 @@ class VideoWriter:
         overwrite: bool = False,
         together: OutputGroup | None = None,
     ) -> None:
-        """Prepare to write `path` with images of `size` (width, height) at `rate_hz` frames per second.
+        """Prepare to write; nothing is opened before the block begins.
 
-        OutputExistsError if it exists and `overwrite` is False; with the group `together` it appears at the group's
-        end.
+        Args:
+            path: the file.
+            size: width and height of the frames [px].
+            rate_hz: frames per second.
+            overwrite: replace an existing file.
+            together: group at the end of which the file appears; None: at the end of the block.
         """
         self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite
         self.together = together
@@ -60,7 +64,7 @@ class VideoWriter:
         self.sha256 = ""
 
     def __enter__(self) -> Self:
-        """Open a temporary file, and return self."""
+        """Open a temporary file, and return self; OutputError if the file exists or cannot be written."""
         check_writable(self.path, self.overwrite)
         self._folder = folder_beside(Path(os.path.realpath(self.path)))
         self._draft = self._folder.__enter__() / f"video{self.suffix}"
@@ -73,7 +77,7 @@ class VideoWriter:
         return self
 
     def write(self, image: Image) -> None:
-        """Add a frame; ValueError for one of another size, which OpenCV would drop silently."""
+        """Append a frame (h, w, 3) BGR; ValueError for one of another size, which OpenCV would drop silently."""
         if image.shape != (self.size[1], self.size[0], 3):
             raise ValueError(f"a frame of shape {image.shape} does not fit a video of {self.size}")
         self._video.write(image)
@@ -81,16 +85,19 @@ class VideoWriter:
         self._wrote(image)
 
     def _wrote(self, image: Image) -> None:
-        """Record data of a frame for the check in `_damaged`."""
+        """Record a frame that was written, for the comparison in `_damaged`; does nothing unless overridden."""
 
     def _damaged(self) -> int | None:
-        """Number of the first frame that differs from the written image; None if no difference is known."""
+        """Number of the first frame that, read back, differs from the written image.
+
+        None if none does or it is not checked.
+        """
         return None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Complete the file, or delete it after an error."""
+        """Check and complete the file, or delete it after an error; OutputError if frames are missing or damaged."""
         try:
             self._video.release()
             if kind is None:
@@ -121,7 +128,7 @@ class VideoWriter:
 
 @contextmanager
 def _without_words() -> Iterator[None]:
-    """Context manager that silences standard error (a harmless warning of OpenCV about WebM)."""
+    """Context manager in which standard error is discarded (OpenCV writes a harmless warning about WebM)."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
@@ -133,7 +140,10 @@ def _without_words() -> Iterator[None]:
 
 
 class LosslessVideo(VideoWriter):
-    """Lossless video, FFV1 in AVI: equal images give equal bytes, since it holds neither times nor random numbers."""
+    """Writer of lossless video, FFV1 in AVI, which is read back and compared at the end.
+
+    Equal images give equal bytes, since the file has neither times nor random numbers.
+    """
 
     code = "FFV1"
     otherwise = "; keep PNG images instead"
@@ -160,13 +170,16 @@ class LosslessVideo(VideoWriter):
 
 
 class ShownVideo(VideoWriter):
-    """Lossy video for viewing; the suffix, one of `SHOWN`, determines the format.
+    """Writer of small lossy video for viewing; the suffix, one of `SHOWN`, determines the format.
 
     Equal images give equal bytes.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
-        """Prepare to write `path` with images of `size` (width, height), both even, at `rate_hz` frames per second."""
+        """Prepare to write `path` with frames of `size` (width, height), both even, at `rate_hz` frames per second.
+
+        OutputExistsError at the beginning of the block if it exists and `overwrite` is false.
+        """
         super().__init__(path, size, rate_hz, overwrite=overwrite)
         self.suffix = path.suffix.lower()
         self.code = SHOWN[self.suffix]

@@ -68,7 +68,15 @@ MAX_GROWTH = 1000
 
 @dataclass
 class Bag:
-    """An opened bag; a context manager that removes decompressed temporary files."""
+    """An opened bag: its files in the order of time; a context manager that removes decompressed temporary files.
+
+    Attributes:
+        paths: files and folders as given.
+        files: readers of the files.
+        promised: number of messages of each topic that the metadata state.
+        described: the metadata list all files, so that these hold no more messages than stated.
+        remarks: faults of topics without losses.
+    """
 
     paths: tuple[Path, ...]
     files: list[BagFile] = field(default_factory=list)
@@ -82,12 +90,15 @@ class Bag:
 
     @property
     def losses(self) -> list[Loss]:
-        """Losses so far, without duplicates."""
+        """Losses of all files so far, without duplicates."""
         far = [Loss(topic, "time of recording", what, count) for topic, (what, count) in self._far.items()]
         return list(dict.fromkeys([*self._losses, *far, *(loss for file in self.files for loss in file.losses)]))
 
     def topics(self) -> dict[str, BagTopic]:
-        """Topics of all files by name, with message counts summed; InputError for contradictory files."""
+        """Topics of all files by name, with message counts summed (None if one is unknown).
+
+        InputError if files give a topic different types.
+        """
         out: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics():
@@ -107,12 +118,16 @@ class Bag:
         return dict(sorted(out.items()))
 
     def span(self) -> tuple[int, int] | None:
-        """Time range of the messages [ns]; None without messages."""
+        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
         spans = [span for file in self.files if (span := file.span()) is not None]
         return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Generate the messages of some topics, file by file; memory does not grow with the bag."""
+        """Yield the messages of the given topics, decompressed, file by file; memory does not grow with the bag.
+
+        A topic that is removed from the collection meanwhile is no longer read. Messages with impossible times or
+        damaged compression are losses. At the end, counts are compared with the metadata.
+        """
         counts: dict[str, int] = {}
         for file in self.files:
             size = file.path.stat().st_size
@@ -160,7 +175,7 @@ class Bag:
             self._folder.cleanup()
 
     def _unpacked(self, message: BagMessage) -> bytes | None:
-        """Decompress the bytes of a message; None, and a loss, if damaged or too large."""
+        """Decompressed bytes of a zstd-compressed message; None, and a loss is added, if damaged or too large."""
         try:
             return unpack_frames(message.data, MAX_CHUNK_BYTES)
         except zstandard.ZstdError as error:
@@ -169,7 +184,10 @@ class Bag:
         return None
 
     def unpack(self, path: Path) -> Path:
-        """Decompress a file compressed as a whole; a missing end is reported by the reader."""
+        """Decompress a file that is compressed by zstd as a whole; return the path of the temporary file.
+
+        Damage is a loss; InputError if nothing can be decompressed, or far more than a recording can have.
+        """
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
         out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
@@ -198,20 +216,22 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is probably a bag: a folder with bag files, or a bag file."""
+    """Whether a path is probably a bag: a folder with bag files or metadata, or a bag file by its first bytes."""
     if path.is_dir():
         return (path / METADATA).is_file() or bool(_members(path))
     return path.is_file() and _kind(path) is not None
 
 
 def open_bag(paths: Collection[Path]) -> Bag:
-    """Open the files of one recording.
+    """Open the files of one recording as a bag.
+
+    A file of several that cannot be opened is a loss.
 
     Args:
         paths: folders of rosbag2, or files (.mcap, .db3, .bag, also compressed by zstd), in any order.
 
     Raises:
-        InputError: none of the files can be read, or one is of another kind.
+        InputError: no file can be opened, or the single file given is not a bag.
     """
     bag = Bag(tuple(paths))
     try:
@@ -237,9 +257,9 @@ def open_bag(paths: Collection[Path]) -> Bag:
 
 
 def _in_order(files: list[BagFile]) -> list[BagFile]:
-    """Sort files by start time (a shell sorts `bag_10` before `bag_2`, which would make times decrease).
+    """Files sorted by the time of their first message (a shell sorts `bag_10` before `bag_2`).
 
-    A file with unknown times (damaged or empty) keeps its predecessor.
+    A file with unknown times (damaged or empty) stays behind its predecessor.
     """
     begins, last = list[int](), 0
     for file in files:
@@ -250,9 +270,9 @@ def _in_order(files: list[BagFile]) -> list[BagFile]:
 
 
 def _add(bag: Bag, path: Path) -> None:
-    """Open one file and add it to the bag; InputError if it cannot be opened.
+    """Open a file, decompressed if necessary, and append its reader to the bag.
 
-    If it is one of several, that is a loss instead.
+    InputError if it cannot be opened and is the only file given; in other cases that is a loss of the bag.
     """
     try:
         check_input(path, WHAT)
@@ -276,7 +296,7 @@ _READERS: dict[str, Callable[[Path, str], BagFile]] = {"mcap": McapFile, "sqlite
 
 
 def _kind(path: Path) -> str | None:
-    """Return the kind of a file by its first bytes: mcap, sqlite, ros1, zstd, or None."""
+    """Kind of a file by its first bytes: `mcap`, `sqlite`, `ros1`, `zstd`, or None."""
     with path.open("rb") as file:
         head = file.read(16)
     if head.startswith(RECORDING_MAGIC):
@@ -289,18 +309,24 @@ def _kind(path: Path) -> str | None:
 
 
 def _members(folder: Path) -> list[Path]:
-    """Files of a bag in a folder, in natural order; if a file exists decompressed as well, only that one."""
+    """Files of a ROS 2 bag in a folder (.mcap, .db3, also compressed), in natural order.
+
+    A compressed file is left out if it exists decompressed as well.
+    """
     found = [p for p in folder.iterdir() if p.is_file() and _bare(p).suffix in SUFFIXES]
     return sorted((p for p in found if p == _bare(p) or _bare(p) not in found), key=lambda p: natural_key(p.name))
 
 
 def _bare(path: Path) -> Path:
-    """Path of the decompressed file that rosbag2 writes into the same folder."""
+    """Path of the decompressed file that rosbag2 writes next to the compressed file `path`; other paths unchanged."""
     return path.with_suffix("") if path.suffix in PACKED else path
 
 
 def _listed(path: Path, bag: Bag) -> list[Path]:
-    """Files of a folder as listed in its metadata, or else all bag files."""
+    """Bag files of a path: itself if it is a file; of a folder those that its metadata list, or without metadata all.
+
+    Sets `bag.promised` and `bag.described` by the metadata. InputError if these list no files.
+    """
     described = path / METADATA
     bag.described &= path.is_dir() and described.is_file()
     if not path.is_dir():
@@ -325,14 +351,17 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 
 
 def _packed_or_not(path: Path) -> Path:
-    """Existing file, with or without the compression suffix (versions of rosbag2 list either)."""
+    """The path itself if it exists, else the one with or without a compression suffix that does.
+
+    Rosbag2 lists either.
+    """
     others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
     # Unlike methods of Path these take names of any length
     return path if os.path.exists(path) else next((other for other in others if os.path.isfile(other)), path)  # noqa: PTH110, PTH113
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
-    """Losses for the files of the folder `path` that its metadata do not list; `listed` are those that they list."""
+    """Losses for the files of the folder `path` that are not among `listed`, those that its metadata list."""
     if not path.is_dir():
         return []
     known = {_bare(file) for file in listed}
@@ -341,7 +370,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 
 def _information(path: Path) -> dict[str, object]:
-    """Content of a bag's metadata file (YAML); InputError if it is not such a file."""
+    """Mapping `rosbag2_bagfile_information` of a bag's metadata file (YAML); InputError if there is none."""
     documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
@@ -358,16 +387,16 @@ TRIALS = 5
 
 @dataclass
 class BagSurvey:
-    """Content of a bag.
+    """What a bag holds, as found by its first messages.
 
     Attributes:
         topics: its topics by name.
-        map: topics used.
-        frames: frame of reference of the images of each camera (or of its calibration), where one is stated.
+        map: topics selected for use.
+        frames: transform frame of the images of each camera (or of its calibration), where one is stated.
         sizes: width and height of the first image of each camera [px].
-        infos: calibration of each camera, where there is one.
-        transforms: the frames of the bag.
-        faults: of topics with messages that cannot be read, the reason of the first one.
+        infos: calibration of each camera that has one.
+        transforms: transforms between the frames of the bag.
+        faults: why the first unreadable message of a topic cannot be read, by topic.
     """
 
     topics: dict[str, BagTopic]
@@ -384,21 +413,21 @@ CLOCKS_APART_S = 0.5
 
 
 class NoSizeError(InputError):
-    """A video picture does not state its size; a later one does."""
+    """A picture of a video stream does not state its size, which the first key frame does."""
 
 
 class BagDecoder:
-    """Decodes messages of a bag to the common form; a topic's decoder is created on first use."""
+    """Decodes messages of a bag to the common types of `kinds`; the decoder of a topic is created on first use."""
 
     def __init__(self, topics: dict[str, BagTopic]) -> None:
-        """Start with the topics of a bag."""
+        """Prepare for messages of the given topics of a bag."""
         self._topics = topics
         self._decoders: dict[str, Decode] = {}
 
     def read(self, topic: str, data: bytes) -> Any:
-        """Decode a message of a topic by its type (`read_message`); InputError for invalid bytes.
+        """Decode a message of a topic to the common type of its kind (`ImageMessage`, ...); a list for transforms.
 
-        Of transforms a list is returned.
+        InputError for invalid bytes.
         """
         if topic not in self._decoders:
             self._decoders[topic] = decoder(self._topics[topic])
@@ -414,16 +443,16 @@ class BagDecoder:
 
 
 def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool = True) -> BagSurvey:
-    """Survey a bag: transforms, first calibrations, and first images of its topics.
+    """Survey a bag: read all transforms, and the first calibration and image of each topic; select topics.
 
     Args:
         bag: the bag.
-        asked: names and topics that the user gives.
+        asked: (name, topic) pairs that the user gives.
         transforms_too: read the whole bag for its transforms.
 
     Raises:
-        UsageError: a topic that is asked for is not there, or a package is missing that reads it.
-        InputError: a topic that is asked for cannot be read.
+        UsageError: a topic that the user names is missing, or a package that reads it is not installed.
+        InputError: a topic that the user names cannot be read.
     """
     topics = bag.topics()
     named = {topic for _, topic in asked}
@@ -482,9 +511,9 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image of a topic [px].
+    """Width and height [px] of an image of a topic, which is decoded unless it is of a video stream.
 
-    InputError if it is damaged, NoSizeError for a video picture without a size.
+    InputError if it is damaged, NoSizeError for a picture of a video stream that does not state its size.
     """
     if image.size is None and is_video(image.encoding):
         try:
@@ -503,7 +532,7 @@ def _of(topics: dict[str, BagTopic], kind: TopicKind) -> Iterable[str]:
 
 
 def topic_lines(found: BagSurvey) -> list[str]:
-    """One line for each selected topic of a bag, and one for topics that could be selected."""
+    """One line of text for each selected topic of a bag, and one for topics that could be selected."""
     chosen = found.map
     lines = []
     for camera, topic in chosen.images.items():
@@ -521,7 +550,10 @@ def topic_lines(found: BagSurvey) -> list[str]:
 
 
 def borrowed_lines(found: BagSurvey) -> list[str]:
-    """One line for each selected topic with message types that the bag defines only in part."""
+    """One line of text for each selected topic with message types that the bag does not define.
+
+    The definitions of ROS are used for them.
+    """
     chosen, lines = found.map, []
     taken = {*chosen.images.values(), *chosen.infos.values(), *chosen.boxes.values(), *chosen.directions.values()}
     for topic in sorted({*taken, *chosen.poses.values(), *chosen.transforms}):

@@ -36,15 +36,15 @@ from .video_stream import OTHER_CODECS, is_video
 
 
 class Intrinsics(NamedTuple):
-    """Intrinsics of a camera, without its pose.
+    """Intrinsics of a camera's images by its calibration message, without a pose.
 
     Attributes:
         focal_px: (2,) focal lengths.
         principal_px: (2,) principal point.
-        size: width and height of the images.
-        lens: as stated.
-        turn: (3, 3) rotation of the frame of the images from the camera's own.
-        shift: offset of the camera to the right of the frame that a stereo pair shares.
+        size: width and height of the images [px].
+        lens: distortion as stated; none for rectified images.
+        turn: (3, 3) rotation from the camera's frame to that of the (rectified) images.
+        shift: offset [m] of the camera to the right of the frame that a stereo pair shares, by its matrix P.
     """
 
     focal_px: Floats
@@ -56,14 +56,15 @@ class Intrinsics(NamedTuple):
 
 
 def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics | None:
-    """Intrinsics from a calibration message; None if it states that the camera is not calibrated.
-
-    InputError, with the remedy, for lens models and regions of the sensor that cannot be used.
+    """Intrinsics from a calibration message; None if it states that the camera is not calibrated (fx 0).
 
     Args:
         info: calibration message.
-        rectified: images are rectified, so that the projection matrix counts, and no distortion.
+        rectified: images are rectified: the projection matrix P applies, and no distortion; else K and the distortion.
         where: topic, for messages.
+
+    Raises:
+        InputError: a matrix, the lens model or the region of the sensor cannot be used.
     """
     matrix = info.p[:, :3] if rectified else info.k
     if not matrix[0, 0]:
@@ -120,7 +121,7 @@ ENCODINGS = (*_GREY, *_COLOURS)
 
 
 class Stored(NamedTuple):
-    """An image as stored in the recording."""
+    """An image as stored in a recording: compressed bytes, their kind (`png` or `jpeg`), width and height [px]."""
 
     data: bytes
     kind: str
@@ -128,7 +129,7 @@ class Stored(NamedTuple):
 
 
 def is_picture(message: ImageMessage) -> bool:
-    """Whether the message is a visible image, not depth or the like."""
+    """Whether a message holds visible light (a camera image or video), not depth and the like."""
     if message.size is not None:
         return message.encoding in ENCODINGS
     if is_video(message.encoding):
@@ -138,11 +139,11 @@ def is_picture(message: ImageMessage) -> bool:
 
 
 def stored(message: ImageMessage, where: str, store: str | None, quality: int) -> Stored:
-    """Encode the image of a message for the recording.
+    """Compressed form of a message's image for the recording.
 
     Args:
         message: the image.
-        where: names it in errors.
+        where: name of the image in messages.
         store: `png` or `jpeg`; None: compressed images of these kinds as they are, all else as JPEG.
         quality: of JPEG.
 
@@ -164,7 +165,11 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 
 
 def pixels(message: ImageMessage, where: str) -> Image:
-    """(h, w, 3) BGR or (h, w) grey image of a message; InputError as `stored`. `where` names the message."""
+    """Decode the image of a message: (h, w, 3) BGR or (h, w) grey; `where` is its name in messages.
+
+    Raises:
+        InputError: it is damaged, of an unknown encoding, or a picture of a video stream.
+    """
     if message.size is None and is_video(message.encoding):
         raise InputError(
             f"{where}: a single picture of a video stream, which needs the earlier ones", id="unsupported-format"
@@ -209,7 +214,16 @@ MAX_DEPTH = 200
 
 @dataclass
 class Edge:
-    """Pose of a frame in its parent: the first one, and the largest change since."""
+    """Pose of a frame in its parent, by the first transform, and the largest change since.
+
+    Attributes:
+        parent: name of the parent frame.
+        rotation: (3, 3) parent-from-child.
+        translation: (3,) [m].
+        messages: number of transforms.
+        moved: largest difference of the position [m].
+        turned: largest difference of the orientation [rad].
+    """
 
     parent: str
     rotation: Floats  # (3, 3) parent-from-child
@@ -220,19 +234,24 @@ class Edge:
 
     @property
     def still(self) -> bool:
-        """Whether the frame never moved by more than noise."""
+        """Whether the frame never moved in its parent by more than `STILL_M` and `STILL_RAD` (taken for noise)."""
         return self.moved <= STILL_M and self.turned <= STILL_RAD
 
 
 class FramePose(NamedTuple):
-    """A pose in another frame: x_other = rotation x + translation."""
+    """Pose of a frame in another one: x_other = rotation (3, 3) x + translation (3,) [m]."""
 
     rotation: Floats
     translation: Floats
 
 
 class Transforms:
-    """Tree of the transforms between the frames of a bag."""
+    """Tree of the transforms between the coordinate frames of a bag.
+
+    Attributes:
+        edges: pose of each frame in its parent.
+        faults: by frame, why its pose cannot be used.
+    """
 
     def __init__(self) -> None:
         """Start without transforms."""
@@ -240,7 +259,10 @@ class Transforms:
         self.faults: dict[str, str] = {}
 
     def add(self, message: TransformMessage) -> None:
-        """Add a transform; an invalid pose is reported when its frame is needed."""
+        """Add a transform: the first one of a frame is kept, later ones only extend its largest change.
+
+        An invalid one, or another parent, is a fault, which is raised when the frame is needed.
+        """
         try:
             rotation = rotation_of(message)
         except InputError as error:
@@ -261,15 +283,15 @@ class Transforms:
 
     @property
     def frames(self) -> list[str]:
-        """Names of all frames, sorted."""
+        """Names of all coordinate frames, sorted."""
         return sorted({*self.edges, *(edge.parent for edge in self.edges.values())})
 
     def knows(self, frame: str) -> bool:
-        """Whether a frame is in the tree."""
+        """Whether a coordinate frame is in the tree, as child or parent."""
         return frame in self.edges or any(edge.parent == frame for edge in self.edges.values())
 
     def chain(self, frame: str) -> list[str]:
-        """Frames from a frame up to the root; InputError for a cycle."""
+        """The frame, its parent, and so on up to the root; InputError for a cycle."""
         out = [frame]
         while out[-1] in self.edges:
             parent = self.edges[out[-1]].parent
@@ -281,7 +303,10 @@ class Transforms:
         return out
 
     def still_root(self, frame: str) -> str:
-        """Highest ancestor in which a frame is static."""
+        """Farthest ancestor of a coordinate frame in which it does not move.
+
+        If it moves in its parent, the frame itself.
+        """
         for above in self.chain(frame):
             if above not in self.edges or not self.edges[above].still:
                 return above
@@ -290,7 +315,9 @@ class Transforms:
     def placed(self, frame: str, world: str) -> FramePose:
         """Pose of a frame in the frame `world`.
 
-        InputError where the frames are not connected, one of them moves in the other, or has two parents.
+        Raises:
+            InputError: the frames are not connected, or a frame between them moves, has two parents, or an invalid
+                pose.
         """
         up, down = self.chain(frame), self.chain(world)
         common = next((name for name in up if name in down), None)
@@ -311,7 +338,7 @@ class Transforms:
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
     def _to(self, frame: str, above: str) -> FramePose:
-        """Pose of a frame in `above`, one of its ancestors."""
+        """Pose of a coordinate frame in its ancestor `above`."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]
@@ -321,7 +348,10 @@ class Transforms:
 
 
 def rotation_of(message: TransformMessage) -> Floats:
-    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another norm, or an invalid position."""
+    """(3, 3) rotation matrix of a transform's quaternion (x, y, z, w).
+
+    InputError if that is not of unit length to 0.01, or if the translation is not finite.
+    """
     if not np.isfinite(message.translation).all():
         raise InputError(
             f"transform of frame {message.child!r}: its translation is not finite", id="invalid-calibration"
@@ -349,15 +379,18 @@ LENGTHS = (0.9, 1.1)
 
 
 def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:
-    """True positions of one message in the world; targets are numbered from `first`.
+    """True positions of one message in the world, as rows of `Truth`.
 
-    Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
+    Geodetic positions are converted to the scene by the origin that the user states.
 
     Args:
-        message: with positions.
-        t_ns: its time [ns].
-        first: number of the first target.
-        placed: world pose of the message's frame.
+        message: positions at one time.
+        t_ns: the time [ns].
+        first: number of the first target; the others follow.
+        placed: world-from-frame pose of the frame of the message.
+
+    Raises:
+        InputError: a position is not finite.
     """
     if message.on_earth:
         return _truth_on_earth(message, t_ns, first)
@@ -372,9 +405,14 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
 
 
 def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
-    """Geodetic true positions of one message at `t_ns` [ns], in the scene; targets are numbered from `first`.
+    """Geodetic true positions of one message, converted to the scene, as rows of `Truth`.
 
-    Heights are used if the origin states its own; InputError if they are missing then.
+    Heights are used if the user's origin has a height; InputError if they are missing then. Without, z is NaN.
+
+    Args:
+        message: longitudes, latitudes [deg] and heights [m] at one time.
+        t_ns: the time [ns].
+        first: number of the first target; the others follow.
     """
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
@@ -391,14 +429,14 @@ def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
 
 
 class MessageBoxRows:
-    """Converts box messages of one camera to rows, and numbers its frames."""
+    """Converts box messages of one camera to rows of `Boxes`, and counts its frames and class labels."""
 
     def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:
-        """Start without frames of a camera.
+        """Start at frame 0.
 
         Args:
             camera: its name.
-            classes: boxes of these are selected; empty: of the only one that occurs.
+            classes: labels of the boxes that are kept; empty: all, which must have one label.
             scale: by which scores are divided.
         """
         self.camera, self.classes, self.scale = camera, classes, scale
@@ -408,9 +446,10 @@ class MessageBoxRows:
         self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
-        """Rows of one message (a frame) at `t_ns` [ns]; a frame without boxes is one row without detection.
+        """Rows of one message, the next frame, at `t_ns` [ns]; a frame without boxes is one row with `box` -1.
 
-        InputError where there are several classes and none is chosen, and for boxes that cannot be.
+        Raises:
+            InputError: boxes have several labels and none is selected, or a box or score is impossible.
         """
         kept = [b for b in message.boxes if not self.classes or b.label in self.classes]
         self.labels.update(b.label for b in message.boxes)
@@ -443,7 +482,10 @@ class MessageBoxRows:
         )
 
     def _identity(self, text: str) -> int:
-        """Number of a track that a detector names: the number itself, or else the next free one."""
+        """Identity for the track name of a detector: the number itself if it is one, else the next free number.
+
+        -1 for an empty text. InputError if two names get one number.
+        """
         if not text:
             return -1
         known = self._numbers.get(text)
@@ -461,9 +503,10 @@ class MessageBoxRows:
 
 
 def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:
-    """Directions of one message in the world, at `t_ns` [ns]; empty slots (id 0, or no direction) are skipped.
+    """Directions of arrival of one message, at `t_ns` [ns], in the world, as rows of `Doa`.
 
-    InputError for a vector that is not of unit length.
+    Empty slots (id 0, or no direction) are skipped. `array` has the pose. InputError for a vector that is not of unit
+    length.
     """
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)

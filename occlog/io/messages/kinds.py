@@ -30,7 +30,7 @@ from .mcap_file import BagTopic
 
 
 class TopicKind(Enum):
-    """What the messages of a topic hold."""
+    """What the messages of a topic hold; the value is the word used in messages."""
 
     IMAGE = "images"
     INFO = "calibration"
@@ -41,21 +41,24 @@ class TopicKind(Enum):
 
 
 class MessageStamp(NamedTuple):
-    """Measurement time of a message [ns since 1970; 0: not stated] and its coordinate frame."""
+    """Header of a message: measurement time [ns since the Unix epoch] and name of the transform frame.
+
+    The time is 0 if it is not stated.
+    """
 
     stamp_ns: int
     frame: str
 
 
 class ImageMessage(NamedTuple):
-    """An image: compressed, or raw pixels.
+    """An image in a message: compressed, or raw pixels.
 
     Attributes:
         header: time and frame.
         data: bytes as they are in the message.
-        encoding: of raw pixels, such as `bgr8`; of compressed ones what the message states, such as `jpeg`.
+        encoding: of raw pixels, such as `bgr8`; of compressed ones what the message states, such as `jpeg` or `h264`.
         size: width and height of raw pixels; None: compressed.
-        step: bytes of a row of raw pixels.
+        step: bytes of a row of raw pixels; 0: not stated.
     """
 
     header: MessageStamp
@@ -66,7 +69,7 @@ class ImageMessage(NamedTuple):
 
 
 class InfoMessage(NamedTuple):
-    """Calibration as defined by `sensor_msgs/CameraInfo`."""
+    """Camera calibration in a message, with the fields of `sensor_msgs/CameraInfo`."""
 
     header: MessageStamp
     size: tuple[int, int]
@@ -80,7 +83,7 @@ class InfoMessage(NamedTuple):
 
 
 class TransformMessage(NamedTuple):
-    """Pose of a frame in its parent."""
+    """Pose of a frame `child` in its `parent`: translation (3,) [m] and quaternion (4,) x, y, z, w."""
 
     parent: str
     child: str
@@ -89,7 +92,10 @@ class TransformMessage(NamedTuple):
 
 
 class PoseMessage(NamedTuple):
-    """Positions (n, 3) in one frame at one time; `on_earth`: longitude and latitude [deg], and height [m]."""
+    """Positions (n, 3) [m] in one frame at one time.
+
+    If `on_earth`, they are longitude, latitude [deg] and height [m].
+    """
 
     header: MessageStamp
     positions: Floats
@@ -109,14 +115,14 @@ class BoxDetection(NamedTuple):
 
 
 class BoxMessage(NamedTuple):
-    """Boxes of one image, from any message type."""
+    """Boxes that a detector found in one image."""
 
     header: MessageStamp
     boxes: tuple[BoxDetection, ...]
 
 
 class SoundSource(NamedTuple):
-    """Sound source: identity (0: none; -1: not tracked), unit vector, and activity or energy."""
+    """Sound source in an array's frame: identity (0: empty slot; -1: not tracked), unit vector, activity or energy."""
 
     id: int
     vector: tuple[float, float, float]
@@ -124,32 +130,35 @@ class SoundSource(NamedTuple):
 
 
 class DirectionMessage(NamedTuple):
-    """The sources that were heard at one time."""
+    """Sound sources that an array heard at one time."""
 
     header: MessageStamp
     sources: tuple[SoundSource, ...]
 
 
 def kind_of(name: str) -> TopicKind | None:
-    """Return the kind of data of a message type; None: unsupported."""
+    """What messages of the type `name` hold; None: the type is not supported."""
     found = _TYPES.get(bare(name))
     return None if found is None else found[0]
 
 
 def bare(name: str) -> str:
-    """Type name with `.` for `/`, without the part `/msg/` of ROS 2: `sensor_msgs.Image`."""
+    """Name of a message type in the form `sensor_msgs.Image`, for `sensor_msgs/Image` and `sensor_msgs/msg/Image`."""
     return name.replace("/msg/", "/").replace("/", ".")
 
 
 def read_message(name: str, message: Any) -> Any:
-    """Convert a decoded message to the common form; an iterator for types with several transforms."""
+    """Convert a decoded message of the type `name` to its common type (`ImageMessage`, ...).
+
+    An iterator of `TransformMessage` for types of transforms. KeyError for unsupported types.
+    """
     return _TYPES[bare(name)][1](message)
 
 
 def _time_ns(time: Any) -> int:
-    """Time [ns] from ROS (sec, nanosec), protobuf (seconds, nanos) or Foxglove's JSON (sec, nsec).
+    """Time [ns since the Unix epoch] from ROS (sec, nanosec), protobuf (seconds, nanos) or JSON (sec, nsec).
 
-    ValueError where it is out of range.
+    ValueError if it is out of range.
     """
     for whole, rest in (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec")):
         if hasattr(time, whole) and hasattr(time, rest):
@@ -163,7 +172,7 @@ def _header(message: Any) -> MessageStamp:
 
 
 def _own_header(message: Any) -> MessageStamp:
-    """Time and frame of Foxglove types, which have no header."""
+    """Time and frame of a message of Foxglove, which has no header; 0 and "" if it states none."""
     stamp = getattr(message, "timestamp", None)
     return MessageStamp(0 if stamp is None else _time_ns(stamp), _frame(getattr(message, "frame_id", "")))
 
@@ -174,7 +183,7 @@ def _frame(name: object) -> str:
 
 
 def _bytes(data: Any) -> bytes:
-    """Bytes of an array, bytes, or base64 text."""
+    """Bytes of a message field: an array, bytes, or base64 text (JSON)."""
     if isinstance(data, str):
         import base64
 
@@ -207,7 +216,7 @@ def _matrix(values: Any, rows: int, columns: int) -> Floats:
 
 
 def _matrix_field(message: Any, name: str) -> Any:
-    """Matrix `name` of a `CameraInfo`; its field names are upper case in ROS 1."""
+    """Field `name` (d, k, r or p) of a `CameraInfo` message; ROS 1 has it in upper case."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
@@ -270,7 +279,7 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
 
 
 def _fix(message: Any) -> PoseMessage:
-    """Position of a satellite receiver, in a message `NavSatFix` or `LocationFix`; InputError without a fix."""
+    """Geodetic position in a message of a satellite receiver (`NavSatFix`, `LocationFix`); InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
         raise InputError(f"the receiver had no fix (status {status})")
@@ -284,7 +293,7 @@ def _vision(message: Any) -> BoxMessage:
 
 
 def _detection(entry: Any) -> BoxDetection:
-    """Parse a `vision_msgs/Detection2D` of any release."""
+    """Box of a `vision_msgs/Detection2D` of any release, with its most probable class; InputError for a rotated box."""
     centre = entry.bbox.center
     position = getattr(centre, "position", centre)
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
@@ -378,11 +387,11 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)+")
 
 
 def decoder(topic: BagTopic) -> Decode:
-    """Return the decoder of a topic's messages.
+    """Function that decodes the bytes of a topic's messages to objects with the fields as attributes.
 
     Raises:
-        UsageError: they need a package that is not installed.
-        InputError: their encoding or the definition of their type is not known.
+        UsageError: it needs a package that is not installed.
+        InputError: the encoding, or the definition of the message type, is not known.
     """
     if topic.encoding in ROS_RELEASES:
         return _ros(topic)
@@ -426,15 +435,16 @@ def _check_listed(data: bytes) -> None:
 
 
 def is_readable(topic: BagTopic) -> bool:
-    """Whether the messages of a topic are in a known encoding."""
+    """Whether the messages of a topic are in an encoding that can be decoded; their type is not examined."""
     known = topic.encoding in (*ROS_RELEASES, "json")
     return known or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
 
 
 def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
-    """Message types of a topic that the bag does not define, so that ROS' own are used; empty without rosbags.
+    """Message types, sorted, that a bag does not define for a topic, so that the definitions of ROS are used.
 
-    A topic without any definition, as in bags of ROS 2 before Iron, gives its own type.
+    A topic without any definition, as in bags of ROS 2 before Iron, gives its own type. Empty if it cannot be
+    determined, as without the package rosbags.
     """
     if topic.encoding not in ROS_RELEASES or len(topic.definition) > LONGEST_DEFINITION:
         return ()
@@ -445,13 +455,18 @@ def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
 
 
 def _ros_name(kind: str) -> str:
-    """Type name as used by rosbags: `std_msgs/msg/Header` for ROS 1's `std_msgs/Header`."""
+    """Message type as rosbags names it: `std_msgs/msg/Header` for ROS 1's `std_msgs/Header`; others are unchanged."""
     package, mark, name = kind.partition("/")
     return f"{package}/msg/{name}" if mark and "/" not in name else kind
 
 
 def _ros(topic: BagTopic) -> Decode:
-    """Decoder of ROS messages by the definition in the bag, or by ROS' own one."""
+    """Function that decodes messages of ROS 1 or 2, by the definition in the bag or, without one, by that of ROS.
+
+    Raises:
+        UsageError: the package rosbags is not installed.
+        InputError: the definition is too long or cannot be read.
+    """
     try:
         types = importlib.import_module("rosbags.typesys")
         serde = importlib.import_module("rosbags.serde")
@@ -488,12 +503,12 @@ def _ros(topic: BagTopic) -> Decode:
 
 
 class _TypeStore(NamedTuple):
-    """Message types of a topic.
+    """Message types for the topics of one type.
 
     Attributes:
-        store: rosbags' store of them.
-        listed: True: they have lists of texts or types.
-        borrowed: those that are ROS' own, since the bag does not define them.
+        store: rosbags' store of the types.
+        listed: they have lists of texts or types, which take much more memory than bytes.
+        borrowed: types that the bag does not define, so that the definitions of ROS are used.
     """
 
     store: Any
@@ -503,15 +518,13 @@ class _TypeStore(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeStore:
-    """Load the message type `kind` of ROS, and the types of its fields.
-
-    Code is generated for them, which takes milliseconds, and cameras share their types.
+    """Load a message type of ROS and the types of its fields; cached, since code is generated for them.
 
     Args:
         kind: type, as rosbags names it.
         encoding: of the topic, which states the release of ROS.
-        language: of the definition.
-        definition: in the bag; empty: ROS' own one is used.
+        language: of the definition (`ros2msg`, `ros2idl`, ...).
+        definition: in the bag; empty: that of ROS is used.
     """
     types = importlib.import_module("rosbags.typesys")
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
@@ -533,9 +546,9 @@ def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeS
 
 
 def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
-    """Add missing types of the fields of `kind` to `store` from ROS' own definitions; return their names, sorted.
+    """Add the types that the fields of `kind` need, and that `store` lacks, from those of ROS (`own`).
 
-    ValueError for a type that ROS does not define either.
+    Returns their names, sorted. ValueError for a type that ROS does not define either.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     seeking, seen, borrowed = [kind], set[str](), list[str]()
@@ -557,10 +570,10 @@ def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
 
 
 def _checked(found: Any) -> Any:
-    """Validate types by name, and return them; ValueError if generated code would be invalid or unbounded.
+    """Return the type definitions `found`, by name.
 
-    Generated code contains names, constants, and a line per entry of a fixed-length array; and a message may declare
-    any number of entries that take no bytes.
+    ValueError if code generated from them would be invalid or unbounded. Generated code contains names, constants, and
+    a line per entry of a fixed-length array; and a message may declare any number of entries that take no bytes.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     entries = 0

@@ -40,14 +40,14 @@ D = TypeVar("D", Schema, Channel)
 
 
 class BagTopic(NamedTuple):
-    """A topic of a file.
+    """A topic of a bag file.
 
     Attributes:
         name: the topic.
         kind: type of its messages, such as `sensor_msgs/msg/Image`; empty: not stated.
-        encoding: how they are encoded: cdr, protobuf, json, ...
-        definition: definition of the type.
-        language: what the definition is written in: ros2msg, ros2idl, protobuf, jsonschema, ...; empty: missing.
+        encoding: how they are encoded: cdr, ros1, protobuf, json, ...
+        definition: definition of the type; empty: missing.
+        language: of the definition: ros2msg, ros2idl, ros1msg, protobuf, jsonschema, ...; empty: missing.
         messages: how many there are; None: not known without reading the file.
     """
 
@@ -60,7 +60,7 @@ class BagTopic(NamedTuple):
 
 
 class BagMessage(NamedTuple):
-    """One message: its topic, when it was recorded [ns since 1970], and its bytes."""
+    """One message: its topic, time of recording [ns since the Unix epoch], and bytes."""
 
     topic: str
     log_ns: int
@@ -68,10 +68,20 @@ class BagMessage(NamedTuple):
 
 
 class McapFile:
-    """An external MCAP file; `losses` is extended while it is read."""
+    """Reader of an external MCAP file, also a damaged one.
+
+    Attributes:
+        path: the file.
+        name: its name in losses.
+        losses: losses found so far, as keys; extended while the file is read.
+        reordered: by topic, number of messages after later ones that were sorted, and by how much at most [ns].
+    """
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the index if there is one; `name` is the file's name in losses."""
+        """Read the index if there is one; `name` is the file's name in losses.
+
+        InputError if the file does not begin as MCAP does.
+        """
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         self.reordered: dict[str, tuple[int, int]] = {}  # of topics, messages before earlier ones, and by how much [ns]
@@ -106,7 +116,7 @@ class McapFile:
         }
 
     def topics(self) -> list[BagTopic]:
-        """Topics; a file without an index is read completely, which also counts messages."""
+        """Topics of the file with their numbers of messages; without an index the whole file is read."""
         if self._counts is None:
             counts: dict[int, int] = {}
             for channel, log_ns, _ in self._walk(None):
@@ -117,14 +127,14 @@ class McapFile:
         return [self._topic(channel) for channel in self._channels.values()]
 
     def span(self) -> tuple[int, int] | None:
-        """Time range of the messages [ns]; None without messages."""
+        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
         self.topics()
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Generate the messages of some topics, sorted by time within each chunk unless a clock was set back.
+        """Yield the messages of the given topics, sorted by time within each chunk unless a clock was set back.
 
-        A topic removed from the collection during iteration is skipped from the next chunk on.
+        A topic that is removed from the collection meanwhile is skipped from the next chunk on.
         """
         found = Counter[int]()
         for topic in topics:
@@ -136,10 +146,10 @@ class McapFile:
             self._tell_missing(topics, found)
 
     def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
-        """Report messages that the index counts in chunks that it does not list.
+        """Add a loss for each topic of which the index counts more messages than were found.
 
         Args:
-            topics: those that are read.
+            topics: topics that were read.
             found: number of messages that were found, by channel.
         """
         for number, channel in self._channels.items():
@@ -162,7 +172,10 @@ class McapFile:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """Generate (channel, time, data) of the messages of some or all topics."""
+        """Yield (channel, recording time [ns], data) of the messages of the given topics; None: of all.
+
+        Damage is added to `losses`.
+        """
         size, self._contradicted, growth = self.path.stat().st_size, "", DecompressionCount(self.path)
         with self.path.open("rb") as file:
             at = len(MAGIC)
@@ -191,9 +204,12 @@ class McapFile:
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
-        """Report data after the end of the data section, at byte `at`, other than the index.
+        """Add a loss for data behind the end of the data section that are not a valid index.
 
-        `size` is that of the file [bytes].
+        Args:
+            file: the open file.
+            at: byte at which the data section ends.
+            size: of the file [bytes].
         """
         behind = byte_after_end(file, at, size)
         if behind is None:
@@ -203,7 +219,7 @@ class McapFile:
             self._lose(f"byte {behind}", left)
 
     def _scan_definitions(self) -> None:
-        """Read schemas and channels outside chunks (a damaged index may repeat them)."""
+        """Read all schemas and channels outside of chunks, for a file with a damaged index, which may repeat them."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             at = len(MAGIC)
@@ -219,7 +235,10 @@ class McapFile:
                         self._take(code, file.read(length), None, [])
 
     def _define(self, found: D, known: dict[int, D]) -> None:
-        """Add a definition to those `known` by number, or report that it contradicts an earlier one."""
+        """Add a schema or channel to `known` (by number); note if it contradicts an earlier one.
+
+        Definitions that only a damaged index has are dropped instead, since the index is then of another file.
+        """
         if known.get(found.id, found) != found:
             if known[found.id] not in self._repeated:
                 what = type(found).__name__.lower()
@@ -234,9 +253,9 @@ class McapFile:
             self._repeated.remove(found)
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
-        """Whether the record at byte `at`, by the index, is a chunk that holds none of the topics (None: all).
+        """Whether the record at byte `at` is a chunk without messages of the given topics (None: all), by the index.
 
-        `code` is its opcode.
+        `code` is the record's opcode. False if the index does not list it.
         """
         if code != Opcode.CHUNK or topics is None or at not in self._chunks:
             return False
@@ -251,16 +270,16 @@ class McapFile:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Generate the messages of one record outside chunks, or of one chunk: channel, log time [ns] and data.
+        """Yield (channel, recording time [ns], data) of the messages in one record outside chunks, or in one chunk.
 
         A damaged record is a loss.
 
         Args:
-            file: at the content of the record.
+            file: the open file, at the content of the record.
             at: first byte of the record.
             code: its opcode.
-            length: of its content.
-            topics: those that are read; None: all.
+            length: of its content [bytes].
+            topics: topics that are read; None: all.
             growth: counts decompressed bytes.
         """
         if length > MAX_CHUNK_BYTES:
@@ -281,9 +300,10 @@ class McapFile:
         yield from self._in_order(found)
 
     def _in_order(self, found: list[tuple[int, int, bytes]]) -> list[tuple[int, int, bytes]]:
-        """Sort the messages of a chunk (channel, log time [ns], data) by time; unchanged if a clock was set back.
+        """Messages (channel, recording time [ns], data) of a chunk sorted by time.
 
-        Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`.
+        Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`. If one is earlier
+        than that, a clock was set back, and the order is unchanged.
         """
         last, back = dict[int, int](), dict[int, list[int]]()
         for channel, log_ns, _ in found:
@@ -307,9 +327,13 @@ class McapFile:
         found: list[tuple[int, int, bytes]],
         growth: DecompressionCount,
     ) -> None:
-        """Add the messages of a chunk to `found`; ValueError for a wrong check sum.
+        """Append the messages of a chunk to `found`; ValueError for a wrong check sum or a damaged record.
 
-        `topics` are those that are read (None: all), `growth` counts decompressed bytes.
+        Args:
+            data: content of the chunk record.
+            topics: topics that are read; None: all.
+            found: (channel, recording time [ns], data) of messages.
+            growth: counts decompressed bytes.
         """
         head = chunk_head(data)
         records = unpacked(data[head.begin :], head.compression, head.declared)
@@ -329,9 +353,13 @@ class McapFile:
     def _take(
         self, code: int, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]
     ) -> None:
-        """Process a record with opcode `code`: note a schema or channel, or add a message to `found`.
+        """Process a record: keep a schema or channel, or append a message of a requested topic to `found`.
 
-        `topics` are those that are read; None: all.
+        Args:
+            code: opcode.
+            data: content.
+            topics: topics that are read; None: all.
+            found: (channel, recording time [ns], data) of messages.
         """
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
@@ -358,7 +386,10 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """Decompress all zstd frames of `data`; ZstdError if damaged or larger than `most` bytes."""
+    """Decompress all zstd frames in `data`, one after another.
+
+    ZstdError if damaged or larger than `most` bytes together.
+    """
     parts, left = list[bytes](), most
     for frame in _frames(data):
         size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know
@@ -374,7 +405,10 @@ def unpack_frames(data: bytes, most: int) -> bytes:
 
 
 def _frames(data: bytes) -> Iterator[bytes]:
-    """Generate the zstd frames that hold data."""
+    """Yield the zstd frames in `data`, still compressed; skippable ones (metadata) are left out.
+
+    ZstdError if a frame is cut off.
+    """
     at = 0
     while at < len(data):
         begin = at

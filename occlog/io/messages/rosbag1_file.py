@@ -41,13 +41,13 @@ _DAMAGE = (struct.error, ValueError, KeyError, OSError, RuntimeError, EOFError, 
 
 
 class _Record(NamedTuple):
-    """Header of a record.
+    """Parsed header of a record in a ROS 1 bag.
 
     Attributes:
         fields: of the header, by name.
         begin: first byte of its data.
         length: of its data [bytes].
-        open: True: a chunk that was not closed, and does not state what it unpacks to.
+        open: it is a chunk that was not closed, and does not state its decompressed size.
     """
 
     fields: dict[bytes, bytes]
@@ -57,19 +57,28 @@ class _Record(NamedTuple):
 
     @property
     def kind(self) -> int:
-        """Kind of the record; KeyError if missing."""
+        """Kind of the record, a number such as `CHUNK`; KeyError if missing."""
         return self.fields[b"op"][0]
 
     def number(self, name: bytes) -> int:
-        """Value of the field `name`, a 32-bit number."""
+        """Value of the header field `name`, a 32-bit number; KeyError if missing."""
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
 class Rosbag1File:
-    """A ROS 1 bag; `losses` is extended while it is read."""
+    """Reader of a ROS 1 bag, also a damaged one.
+
+    Attributes:
+        path: the file.
+        name: its name in losses.
+        losses: losses found so far, as keys; extended while the file is read.
+    """
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the index if there is one; `name` is the file's name in losses."""
+        """Read the index if there is one; `name` is the file's name in losses.
+
+        InputError for another version than 2.0, and for an encrypted bag.
+        """
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         self._topics: dict[int, BagTopic] = {}
@@ -96,7 +105,10 @@ class Rosbag1File:
                 self._lose("index", f"{reason}; read without its index")
 
     def topics(self) -> list[BagTopic]:
-        """Topics, one for each connection; a file without an index is read completely, which also counts messages."""
+        """Topics of the file, one for each connection, with their numbers of messages.
+
+        Without an index the file is read.
+        """
         if self._counts is None:
             counts = Counter[int]()
             for connection, log_ns, _ in self._walk(None):
@@ -107,14 +119,14 @@ class Rosbag1File:
         return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._topics.items()]
 
     def span(self) -> tuple[int, int] | None:
-        """Time range of the messages [ns]; None without messages."""
+        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
         self.topics()
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Generate the messages of some topics in file order.
+        """Yield the messages of the given topics in file order.
 
-        A topic removed from the collection during iteration is skipped from the next chunk on.
+        A topic that is removed from the collection meanwhile is skipped from the next chunk on.
         """
         found = Counter[int]()
         for connection, log_ns, data in self._walk(topics):
@@ -131,11 +143,11 @@ class Rosbag1File:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _read_index(self, file: IO[bytes]) -> None:
-        """Read connections and chunk positions from the index at the end of the file.
+        """Read connections, chunk positions and message counts from the index at the end of the file.
 
         Raises:
             InputError: the bag is encrypted.
-            ValueError, or another error of `_DAMAGE`: the index is missing or damaged.
+            ValueError: the index is missing or damaged; also other errors of `_DAMAGE`.
         """
         header = self._record(file, len(VERSION))
         if header.kind != BAG_HEADER:
@@ -183,7 +195,10 @@ class Rosbag1File:
         return record
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """Generate (connection, time, data) of the messages of some or all topics."""
+        """Yield (connection, recording time [ns], data) of the messages of the given topics; None: of all.
+
+        Damage is added to `losses`.
+        """
         growth, at = DecompressionCount(self.path), len(VERSION)
         with self.path.open("rb") as file:
             while at < self._size:
@@ -215,7 +230,7 @@ class Rosbag1File:
                 at = end
 
     def _is_wanted(self, at: int, topics: Collection[str] | None) -> bool:
-        """Whether the chunk at byte `at` may hold one of the topics (None: all), by the index."""
+        """Whether the chunk at byte `at` may, by the index, hold a message of the given topics (None: all)."""
         if topics is None or at not in self._chunks:
             return True
         return any(n not in self._topics or self._topics[n].name in topics for n in self._chunks[at])
@@ -228,13 +243,13 @@ class Rosbag1File:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Generate the messages of a chunk, up to its damage: connection, time [ns] and data.
+        """Yield (connection, recording time [ns], data) of the messages in a chunk, up to its damage, which is a loss.
 
         Args:
-            file: open bag.
+            file: the open bag.
             at: first byte of the chunk.
             record: its header.
-            topics: those that are read; None: all.
+            topics: topics that are read; None: all.
             growth: counts decompressed bytes.
         """
         if record.length > MAX_CHUNK_BYTES:
@@ -267,9 +282,9 @@ class Rosbag1File:
         yield from found
 
     def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
-        """Process a record: note a connection, or return a message of one of the topics (None: all); else None.
+        """(connection, recording time [ns], data) of a message record of the given topics (None: all).
 
-        A message is connection, time [ns] and data.
+        None for other topics, and for a connection record, which is added.
         """
         if record.kind == CONNECTION:
             self._connect(record, data)
@@ -283,9 +298,11 @@ class Rosbag1File:
         return number, _time(record.fields[b"time"]), data
 
     def _connect(self, record: _Record, data: bytes) -> None:
-        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one.
+        """Add a connection (a topic of one publisher) from its record and `data`, the fields of the connection.
 
-        `data` has the fields of the connection.
+        Raises:
+            InputError: its message type contradicts that of an earlier connection of the topic.
+            ValueError: the record is damaged.
         """
         if record.kind != CONNECTION:
             raise ValueError(f"a record of kind {record.kind} in place of a connection")
@@ -309,7 +326,7 @@ class Rosbag1File:
 
 
 def _data(file: IO[bytes], record: _Record) -> bytes:
-    """Data of a record, as far as the file has them; ValueError if too long."""
+    """Data of a record, as far as the file has them; ValueError if they would exceed `MAX_CHUNK_BYTES`."""
     if record.length > MAX_CHUNK_BYTES:
         raise ValueError(f"a record of {record.length} bytes (limit {MAX_CHUNK_BYTES})")
     file.seek(record.begin)
@@ -317,7 +334,7 @@ def _data(file: IO[bytes], record: _Record) -> bytes:
 
 
 def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
-    """Parse the `name=value` fields of a record header of a length [bytes]; ValueError if it is damaged."""
+    """Parse the `name=value` fields of a record header that should have `length` bytes; ValueError if it is damaged."""
     if len(data) < length:
         raise ValueError("a header ends early")
     out, at = dict[bytes, bytes](), 0
@@ -332,13 +349,16 @@ def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
 
 
 def _time(value: bytes) -> int:
-    """Time [ns] from 8 bytes with seconds and nanoseconds."""
+    """Time [ns since the Unix epoch] from 8 bytes with seconds and nanoseconds."""
     seconds, rest = _TIME.unpack(value)
     return int(seconds) * NS + int(rest)
 
 
 def _unpacked(data: bytes, record: _Record) -> bytes:
-    """Decompress the records of a chunk (`data`), or those before a truncation; ValueError if larger than declared."""
+    """Decompressed records of a chunk, of a truncated one those before its end.
+
+    `data` is the chunk's content, `record` its header. ValueError if it is larger than declared or allowed.
+    """
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:

@@ -30,10 +30,16 @@ _TABLES = ("topics", "messages", "message_definitions")
 
 
 class SqliteFile:
-    """A .db3 file; `losses` is extended while it is read."""
+    """Reader of a .db3 file of a ROS 2 bag, also a damaged one.
+
+    Attributes:
+        path: the file.
+        name: its name in losses.
+        losses: losses found so far, as keys; extended while the file is read.
+    """
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the topics; InputError if the file is not a ROS 2 bag. `name` is that of the file in messages."""
+        """Read the topics; InputError if the file is not a ROS 2 bag. `name` is the file's name in losses."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         try:
@@ -46,11 +52,14 @@ class SqliteFile:
         self._note_side_files()
 
     def topics(self) -> list[BagTopic]:
-        """Topics of the bag file."""
+        """Topics of the file, with their numbers of messages (None if the file is damaged)."""
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """Time range of the messages [ns]; None without messages or if unreadable."""
+        """First and last recording time of the messages [ns since the Unix epoch].
+
+        None without messages or if unreadable.
+        """
         try:
             with closing(self._connect()) as base:
                 low, high = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
@@ -59,7 +68,7 @@ class SqliteFile:
         return (low, high) if isinstance(low, int) and isinstance(high, int) else None
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Generate the messages of some topics in recording order."""
+        """Yield the messages of the given topics in the order of recording; damage ends the reading, and is a loss."""
         wanted = [number for number, topic in self._topics.items() if topic.name in topics]
         if not wanted:
             return
@@ -81,7 +90,7 @@ class SqliteFile:
             self.losses[Loss(self.name, location, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _note_side_files(self) -> None:
-        """Report a log next to the file with writes that an interrupted recorder did not put into the file."""
+        """Add a loss if a SQLite log next to the file has writes of an interrupted recorder that the file lacks."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
             if log.is_file():
@@ -105,7 +114,7 @@ class SqliteFile:
         return base
 
     def _check_tables(self, base: sqlite3.Connection) -> None:
-        """InputError if a table of the bag is a view or has computed columns."""
+        """InputError if a table of the bag is a view or has computed columns, which could yield rows without end."""
         marks = ", ".join("?" * len(_TABLES))
         for kind, name, sql in base.execute(
             f"SELECT type, name, sql FROM sqlite_master WHERE name IN ({marks})", _TABLES

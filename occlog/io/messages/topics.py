@@ -30,10 +30,10 @@ class TopicMap:
         images: topic of the images of each camera.
         infos: topic of the calibration of each camera.
         transforms: topics of transforms.
-        poses: topic of true positions by the identity of their (first) target.
+        poses: topic of true positions, by the identity of its (first) target.
         boxes: topic of boxes of each camera.
         directions: topic of directions of each array.
-        others: topics that could be taken too, and as what.
+        others: usable topics that were not selected, and what they hold.
     """
 
     images: dict[str, str] = field(default_factory=dict)
@@ -51,22 +51,23 @@ class TopicMap:
 
 
 def read_topic_map(path: Path) -> list[tuple[str, str]]:
-    """Read (name, topic) pairs of a YAML file, `cam1: /cam_front/image_raw` or a list of topics."""
+    """(name, topic) pairs from a YAML file with `NAME: TOPIC`, or `NAME: [TOPIC, ...]`."""
     check_input(path, "a map of topics (YAML: name and topic, or a list of topics)")
     found = read_yaml(path, dict[str | int, str | list[str]], "a map of topics")
     return [(str(name), t) for name, topics in found.items() for t in ([topics] if isinstance(topics, str) else topics)]
 
 
 def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]], pictures: Iterable[str]) -> TopicMap:
-    """Select the topics.
+    """Select topics of a bag for cameras, arrays and targets, by the user's choice or by type and name.
 
     Args:
         topics: topics of the bag.
-        asked: names and topics that the user gives; of kinds of which there are any, no others are taken.
-        pictures: topics of images with a first message that shows what a camera sees (and not depth).
+        asked: (name, topic) pairs that the user gives; if there are any of one kind, no others of that kind are
+            selected.
+        pictures: topics of images with a first message that shows visible light (and not depth).
 
     Raises:
-        UsageError: a topic that the user gives is not there, or cannot be taken, or a name is given twice.
+        UsageError: a topic that the user gives is missing or cannot be used, or a name is given twice.
     """
     named: dict[TopicKind, dict[str, str]] = {kind: {} for kind in TopicKind}
     for name, topic in asked:
@@ -113,7 +114,7 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
 
 
 def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:
-    """Kind of a topic that the user names, by its type; UsageError if it is missing or cannot be used.
+    """What a topic that the user names holds, by its type; UsageError if it is missing or cannot be used.
 
     `name` is that of the sensor or target for which the user names it.
     """
@@ -146,12 +147,16 @@ def base_of(topic: str) -> str:
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether the name of a topic states rectified images."""
+    """Whether the last part of an image topic's name (without transport suffix) contains `rect`."""
     return "rect" in base_of(topic).rpartition("/")[2]
 
 
 def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[str]:
-    """Select one image topic per namespace, sorted: the one with most messages, then raw, then compressed."""
+    """One image topic of each namespace, sorted.
+
+    It is the one with most messages; among equals, one of raw images rather than rectified ones, then a compressed one.
+    `topics` has the numbers of messages.
+    """
     groups: dict[str, list[str]] = {}
     for topic in images:
         groups.setdefault(base_of(topic).rpartition("/")[0] or topic, []).append(topic)
@@ -163,9 +168,10 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Topic of each camera, by name, of the topics `images`.
+    """Topic by name of the camera, for the image topics `images`.
 
-    The name is the last meaningful part of the topic, with as many preceding parts as distinguish them.
+    The name is the last meaningful part of the topic, with as many preceding parts as distinguish the cameras.
+    UsageError if two cameras get one name.
     """
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
@@ -195,9 +201,9 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """Calibration topic, of `infos`, of an image topic; None if there is none.
+    """Calibration topic among `infos` that belongs to an image topic; None if there is none.
 
-    It is `/cam/camera_info` for `/cam/image_raw`, or the namespace's only one.
+    It is `/cam/camera_info` for `/cam/image_raw`, or the only one of the namespace.
     """
     space = base_of(image).rpartition("/")[0]
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
@@ -206,10 +212,10 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
 
 
 def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
-    """Calibration topic, of `infos`, of a box topic, in the nearest enclosing namespace; None if not found.
+    """Calibration topic among `infos` that belongs to a box topic; None if there is none.
 
-    It is `/cam/camera_info` for `/cam/yolo/boxes`. If the bag has one calibration and one box topic (`cameras` = 1),
-    these belong together, wherever they are.
+    It is that of the nearest enclosing namespace: `/cam/camera_info` for `/cam/yolo/boxes`. If the bag has one
+    calibration and one box topic (`cameras` = 1), these belong together, wherever they are.
     """
     spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
     parts = boxes.split("/")
@@ -219,9 +225,12 @@ def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
 
 
 def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Sequence[str]) -> dict[str, str]:
-    """Box topic of each camera of a bag without images: one per calibration topic, that with most messages.
+    """Box topic by name of the camera, for a bag without images: for each calibration the topic with most messages.
 
-    `infos` are the calibration topics.
+    Args:
+        boxes: box topics.
+        topics: topics of the bag, with their numbers of messages.
+        infos: calibration topics.
     """
     groups: dict[str, list[str]] = {}
     for topic in boxes:
@@ -231,7 +240,10 @@ def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Se
 
 
 def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
-    """Array names from topics: `/mic1/odas/sst` is mic1, and `/sst` alone is odas."""
+    """Topic of directions by name of the array: `/mic1/odas/sst` is mic1, and `/sst` alone is odas.
+
+    InputError if two topics give one name.
+    """
     out: dict[str, str] = {}
     for topic in topics:
         parts = [p for p in topic.split("/") if p and p not in ("odas", "sst", "ssl", "odas_server_node")]

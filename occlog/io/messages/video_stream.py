@@ -52,7 +52,7 @@ _WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
 
 
 def is_video(encoding: str) -> bool:
-    """Whether `encoding`, the format of a compressed image, is a video stream."""
+    """Whether `encoding`, the format that a compressed image states, is a video stream (H.264 or H.265)."""
     return encoding.lower() in CODECS
 
 
@@ -61,12 +61,12 @@ class StreamOrderError(InputError):
 
 
 class AccessUnit(NamedTuple):
-    """An access unit (picture) of a stream.
+    """Properties of an access unit (picture) of a video stream.
 
     Attributes:
-        key: it needs no other one.
-        follows: the picture that it is built on is that of the message before; always True for H.265, for which the
-            decoder states what is missing.
+        key: it is a key frame, which needs no other picture.
+        follows: no reference picture before it is missing, by `frame_num`; always True for H.265, for which the decoder
+            reports missing pictures.
     """
 
     key: bool
@@ -74,10 +74,13 @@ class AccessUnit(NamedTuple):
 
 
 class StreamReader:
-    """Parser of the headers of one stream's messages, in order."""
+    """Parser of the headers of the messages of one H.264 or H.265 stream, in order.
+
+    `size` is known after a key frame.
+    """
 
     def __init__(self, encoding: str) -> None:
-        """Start before the first message of a stream with an encoding."""
+        """Start before the first message of a stream with an encoding, a key of `CODECS` in any case of letters."""
         self.encoding = encoding.lower()
         self.size: tuple[int, int] | None = None
         self._avc = CODECS[self.encoding] == AVC
@@ -88,10 +91,10 @@ class StreamReader:
         self._last: int | None = None  # frame_num or order of the last picture that others may be built on
 
     def read(self, data: bytes) -> AccessUnit:
-        """Parse the picture of the message `data`.
+        """Parse the headers of the next message, and return the properties of its picture.
 
         Raises:
-            InputError: the message is no Annex B stream, has no or several pictures, or pictures are stored in
+            InputError: the message is not an Annex B stream, has no picture or several, or pictures are stored in
                 another order than shown.
         """
         pictures: list[AccessUnit] = []
@@ -233,14 +236,11 @@ class StreamReader:
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
-    """Width and height [px] that a message of a video stream states.
+    """Width and height [px] that a message of a video stream states; None if it states none.
 
     Args:
         data: the message.
         encoding: of the stream, a key of `CODECS` such as `h264`.
-
-    Returns:
-        None if the message does not state them.
 
     Raises:
         InputError: the message is damaged.
@@ -251,14 +251,14 @@ def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
 
 
 class _Bits:
-    """Bits at the beginning of a unit, without emulation prevention bytes; IndexError at their end."""
+    """Reader of bits at the beginning of a NAL unit, without emulation prevention bytes; IndexError at their end."""
 
     def __init__(self, unit: bytes) -> None:
         data = unit[:HEAD_BYTES].replace(b"\0\0\3", b"\0\0")
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def number(self, bits: int) -> int:
-        """Read an unsigned number of `bits` bits."""
+        """Read an unsigned number of `bits` bits; IndexError at the end of the data."""
         if bits > self._left:
             raise IndexError
         self._left -= bits
@@ -284,7 +284,7 @@ def _skip_scaling(bits: _Bits, size: int) -> None:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """Generate the units of an Annex B stream, split at start codes."""
+    """Yield the NAL units of an Annex B stream (bytes), without their start codes."""
     begins = [match.end() for match in _START.finditer(data)]
     for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
         if begin < end:
@@ -292,10 +292,16 @@ def _units(data: bytes) -> Iterator[bytes]:
 
 
 class StreamFile:
-    """Matroska file with the pictures of one stream; the time stamp of each is its number."""
+    """Writer of a Matroska file with the pictures of one stream; the time stamp of each is its number times `STEP_MS`.
+
+    Attributes:
+        path: the file.
+        count: number of pictures.
+        keys: numbers of the key frames.
+    """
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Begin a Matroska file at `path` for a stream with an encoding and a size (width, height)."""
+        """Create the file `path` for a stream with an encoding (key of `CODECS`) and image size (width, height)."""
         self.path, self.count = path, 0
         self.keys: list[int] = []
         self._file = path.open("wb")
@@ -315,7 +321,7 @@ class StreamFile:
         self._file.write(head + SEGMENT.to_bytes(4, "big") + unknown + info + _element(TRACKS, _element(ENTRY, entry)))
 
     def add(self, data: bytes, *, key: bool) -> None:
-        """Write the next picture, with a time of its number; `key`: it is a key frame."""
+        """Append the next picture, `data`; `key`: it is a key frame."""
         if key:
             self.keys.append(self.count)
         block = _element(SIMPLE_BLOCK, BLOCK_HEAD + (b"\x80" if key else b"\0") + data)
@@ -323,7 +329,7 @@ class StreamFile:
         self.count += 1
 
     def close(self) -> None:
-        """Close the file; it is complete."""
+        """Close the file, which is complete then."""
         self._file.close()
 
 

@@ -37,7 +37,7 @@ _LONGEST = 256
 
 
 def is_of_occlog(path: Path) -> bool:
-    """Whether occlog wrote an MCAP file, by its header, even if truncated or damaged later."""
+    """Whether occlog wrote an MCAP file, by its header, which a truncated file has, too."""
     with path.open("rb") as file:
         data = file.read(_LONGEST)
     at = len(RECORDING_MAGIC) + HEAD.size
@@ -50,7 +50,7 @@ def is_of_occlog(path: Path) -> bool:
 
 
 def damaged_mcap(path: Path, what: str) -> InputError:
-    """Return the InputError for a damaged file: the fault `what`, and the remedy."""
+    """InputError, to be raised, for a damaged MCAP file: the fault `what`, and the remedy."""
     return InputError(
         f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}",
         id="damaged-file",
@@ -71,13 +71,13 @@ _FRAME_HEAD = 32
 
 
 class ChunkHead(NamedTuple):
-    """Declared sizes of a chunk.
+    """Header of an MCAP chunk.
 
     Attributes:
-        declared: size of its records, unpacked [bytes].
-        crc: check sum of the unpacked records; 0: none.
+        declared: size of its records after decompression [bytes].
+        crc: CRC-32 of the decompressed records; 0: none.
         compression: one of `KNOWN_COMPRESSION`, or another word.
-        begin: where the packed records begin, counted from the chunk's data.
+        begin: offset of the compressed records in the chunk's data.
     """
 
     declared: int
@@ -87,11 +87,11 @@ class ChunkHead(NamedTuple):
 
 
 class ChunkSize(NamedTuple):
-    """Sizes of a chunk.
+    """Sizes of an MCAP chunk.
 
     Attributes:
-        packed: of its records, as stored in the file [bytes].
-        unpacked: of its records, unpacked, at most [bytes].
+        packed: size of its records as stored in the file [bytes].
+        unpacked: upper limit of their size after decompression [bytes].
     """
 
     packed: int
@@ -99,7 +99,7 @@ class ChunkSize(NamedTuple):
 
 
 def chunk_head(data: bytes) -> ChunkHead:
-    """Parse the header at the beginning of a chunk's data; struct.error or UnicodeDecodeError if invalid."""
+    """Parse the header at the beginning of an MCAP chunk's data; struct.error or UnicodeDecodeError if invalid."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
     (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
     name = CHUNK_HEAD.size + _LENGTH.size
@@ -107,9 +107,16 @@ def chunk_head(data: bytes) -> ChunkHead:
 
 
 def unpacked(data: bytes, compression: str, declared: int) -> bytes:
-    """Decompressed records of a chunk; ValueError if larger than declared or allowed.
+    """Decompressed records of an MCAP chunk.
 
-    `compression` is zstd, lz4 or empty, `declared` the number of decompressed bytes.
+    Args:
+        data: compressed records.
+        compression: `zstd`, `lz4` or empty.
+        declared: decompressed size that the chunk declares [bytes].
+
+    Raises:
+        ValueError: they are larger than declared or allowed, or the compression is unknown.
+        zstandard.ZstdError, RuntimeError: the data are damaged.
     """
     stated = max(declared, stated_size(data, compression))
     if stated > MAX_CHUNK_BYTES:
@@ -125,7 +132,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
 
 def records_at(file: IO[bytes], at: int) -> bytes:
-    """Decompressed records of the chunk at byte `at`; empty if damaged (reported when it is read)."""
+    """Decompressed records of the chunk record at byte `at`; empty if damaged, which is reported when it is read."""
     file.seek(at)
     _, length = HEAD.unpack(file.read(HEAD.size))
     data = file.read(length)
@@ -137,7 +144,10 @@ def records_at(file: IO[bytes], at: int) -> bytes:
 
 
 def stated_size(data: bytes, compression: str) -> int:
-    """Size stated in compressed data [bytes], 0 if absent; ValueError for an unknown compression."""
+    """Decompressed size that compressed data state [bytes], 0 if they state none.
+
+    ValueError for an unknown compression.
+    """
     if compression == "zstd":
         return max(int(zstandard.frame_content_size(data)), 0)
     if compression == "lz4":
@@ -148,9 +158,10 @@ def stated_size(data: bytes, compression: str) -> int:
 
 
 def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
-    """Sizes of the chunk that an index entry lists; InputError if it would decompress to too much.
+    """Sizes of the chunk that an index entry lists; InputError if it would decompress to more than `MAX_CHUNK_BYTES`.
 
-    LZ4 data that could exceed the limit is decompressed in parts, which are discarded.
+    The largest of the sizes that index, header and data declare counts. LZ4 data that could exceed the limit are
+    decompressed in parts, which are discarded.
     """
     where = f"{path}: chunk at byte {index.chunk_start_offset}"
     file.seek(index.chunk_start_offset + HEAD.size)
@@ -173,7 +184,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
 
 
 def _lz4_size(file: IO[bytes], packed: int) -> int:
-    """Decompressed size [bytes] of the next `packed` bytes of a file, LZ4 data, counted up to the limit."""
+    """Decompressed size [bytes] of the next `packed` bytes of a file, which are LZ4 data; counted up to the limit."""
     unpacker, size = lz4.frame.LZ4FrameDecompressor(), 0
     while packed > 0 and not unpacker.eof and size <= MAX_CHUNK_BYTES:
         part = file.read(min(_PART, packed))
@@ -190,7 +201,7 @@ takes some more, since its time and number differ from those before."""
 
 
 class DecompressionCount:
-    """Total decompressed size of a file's chunks so far."""
+    """Counts the decompressed bytes and records of all chunks of a file, and limits them by the size of the file."""
 
     def __init__(self, path: Path) -> None:
         """Start the count for the file `path`."""
@@ -198,7 +209,11 @@ class DecompressionCount:
         self._unpacked, self._free = 0, FREE_RECORDS
 
     def add(self, packed: int, records: bytes) -> None:
-        """Count a chunk of `packed` bytes by its decompressed records; InputError if the total is too large."""
+        """Count a chunk of `packed` compressed bytes by its decompressed records.
+
+        Raises:
+            InputError: all chunks so far have more bytes or records than a file of its size can hold.
+        """
         self.add_bytes(len(records))
         beyond = _most_beyond(ChunkSize(packed, len(records)))
         if beyond > 0:
@@ -212,7 +227,7 @@ class DecompressionCount:
             )
 
     def add_bytes(self, unpacked: int) -> None:
-        """Count a number of decompressed bytes (`unpacked`); InputError if the total is too large."""
+        """Add a number of decompressed bytes; InputError if there are more than a file of its size can hold."""
         self._unpacked += unpacked
         most = max_decompressed_bytes(self._size)
         if self._unpacked > most:
@@ -224,9 +239,14 @@ class DecompressionCount:
 
 
 def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkSize]]) -> None:
-    """InputError if chunks, given by first byte and sizes, decompress to too much in total.
+    """InputError if all chunks together decompress to more bytes or records than a file of its size can hold.
 
-    They are decompressed only if stated sizes do not decide it. `path` is for messages.
+    They are decompressed only if declared sizes do not decide it.
+
+    Args:
+        path: the file.
+        file: the same file, open.
+        chunks: (first byte, sizes) of each chunk.
     """
     promised, growth = DecompressionCount(path), DecompressionCount(path)
     for _, size in chunks:
@@ -240,12 +260,12 @@ def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkS
 
 
 def _most_beyond(size: ChunkSize) -> int:
-    """Upper bound of the records in a chunk beyond those that its compressed size allows."""
+    """Upper limit of the number of records in a chunk beyond those that its compressed size allows; may be negative."""
     return size.unpacked // HEAD.size - size.packed // BYTES_PER_RECORD
 
 
 def _count(records: bytes, most: int) -> int:
-    """Count the records of a chunk, up to `most`."""
+    """Number of records in the decompressed bytes of a chunk, counted up to `most`."""
     begin = count = 0
     while count < most and begin + HEAD.size <= len(records):
         begin += HEAD.size + HEAD.unpack_from(records, begin)[1]

@@ -27,16 +27,16 @@ def copy_recording(
     *,
     overwrite: bool = False,
 ) -> int:
-    """Write a copy to `path` atomically; return the number of messages.
+    """Write a copy of a recording with other attachments, atomically; return the number of messages.
 
     Messages keep their order, times and numbers; links to videos are adapted to the new folder.
 
     Args:
         source: the recording.
         path: the copy, another file.
-        attachments: JSON files that are attached, instead of those of the same name.
-        provenance: how the copy was made; a recording of another program stays one.
-        overwrite: replace a file that exists.
+        attachments: JSON files that are attached, in place of those of the same name.
+        provenance: how the copy was made; not stored in an MCAP file of another program.
+        overwrite: replace an existing file; else OutputExistsError.
     """
     check_output_name(path, RECORDING)
     with open_output(path, overwrite) as file:
@@ -78,9 +78,16 @@ def _copy_messages(reader: McapMessages, writer: Writer) -> int:
 def moved_metadata(
     name: str, values: dict[str, str], source: Path, path: Path, provenance: Provenance
 ) -> dict[str, str]:
-    """Metadata record `name` for the copy of `source` at `path`; links to videos are relative to the new folder.
+    """Values of the metadata record `name` of a recording for its copy in another place.
 
-    The main record gets the format and the provenance of the copy, others are unchanged.
+    Links to videos become relative to the new folder; the main record gets the format and the new provenance.
+
+    Args:
+        name: of the record.
+        values: its values.
+        source: the recording.
+        path: the copy.
+        provenance: of the copy.
     """
     if name == METADATA:
         return {"format": FORMAT, "provenance": provenance.json()}

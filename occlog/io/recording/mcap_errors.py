@@ -57,7 +57,10 @@ _FAILURES = (
 
 @contextmanager
 def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
-    """Context manager that converts failures of the MCAP library to InputError with the position in the file."""
+    """Context manager that converts exceptions of the MCAP library to InputError.
+
+    `path` is the file for the message, `file` the open file, of which the position is stated; None: it is not.
+    """
     try:
         yield
     except OcclogError:
@@ -74,7 +77,11 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
 
 @contextmanager
 def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
-    """Open a reader with CRC checks and a verified index; a missing or incomplete index is rebuilt."""
+    """Context manager: reader of an MCAP file with CRC checks, and its index; an incomplete index is rebuilt.
+
+    Raises:
+        InputError: the file is damaged, or its chunks decompress to too much.
+    """
     check_input(path, "an MCAP recording")
     with path.open("rb") as file, translate_mcap(path, file):
         check_summary(path, file)
@@ -93,13 +100,13 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
 
 
 def _state(stat: os.stat_result) -> tuple[int, ...]:
-    """Fingerprint of a file's state (device, inode, size and modification time)."""
+    """Device, inode, size and modification time of a file: a key of caches that changes with the file."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 @lru_cache(maxsize=4)
 def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
-    """Whether a file's index lists all its content; cached while the file is unchanged (`state`)."""
+    """Whether the index of an MCAP file lists all its content; cached while `state`, that of the file, is unchanged."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
         return summary is not None and is_index_complete(file, summary)
@@ -107,15 +114,16 @@ def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG00
 
 @lru_cache(maxsize=4)
 def _made_index(path: Path, state: tuple[int, ...]) -> RebuiltIndex:  # noqa: ARG001
-    """Rebuilt index of a file; cached while the file is unchanged (`state`)."""
+    """Index of an MCAP file, rebuilt from its content; cached while `state`, that of the file, is unchanged."""
     with path.open("rb") as file, translate_mcap(path, file):
         return rebuild_index(path, file)
 
 
 def check_index(path: Path) -> None:
-    """Scan a file; InputError if its index omits messages, or has wrong counts.
+    """InputError if the index of an MCAP file omits messages or has wrong counts; reads the whole file.
 
-    Readers detect this from the message indexes after chunks, unless these omit the same messages.
+    When messages are read, an omission is noticed by the message indexes that follow each chunk, unless these omit the
+    same messages; this function detects it then, too.
     """
     with open_mcap(path) as (reader, summary):
         if isinstance(reader, RebuiltIndexReader):
@@ -138,13 +146,16 @@ def check_index(path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def _check_growth(path: Path, state: tuple[int, ...], chunks: tuple[tuple[int, ChunkSize], ...]) -> None:  # noqa: ARG001
-    """InputError if the chunks of a file decompress to too much; cached while the file is unchanged (`state`)."""
+    """InputError if the chunks of a file decompress to too much; cached while `state`, that of the file, is unchanged.
+
+    `chunks` has (first byte, sizes) of each chunk.
+    """
     with path.open("rb") as file, translate_mcap(path, file):
         check_growth(path, file, chunks)
 
 
 def check_summary(path: Path, file: IO[bytes]) -> None:
-    """InputError unless an MCAP file is complete and its index has a valid check sum."""
+    """InputError unless an MCAP file has its begin and end marks, and its index a valid check sum."""
     _check_ends(path, file)
     _check_summary_crc(path, file)
 
@@ -185,11 +196,11 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
-    """Data of an attachment of a recording; InputError for a wrong check sum, or an incomplete record.
+    """Content of an attachment of an MCAP file; InputError for a wrong check sum, or an incomplete record.
 
     Args:
         path: file, for messages.
-        file: the same file, open for reading.
+        file: the same file, open.
         offset: byte at which the record of the attachment begins.
         length: of the record [bytes].
     """

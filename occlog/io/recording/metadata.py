@@ -29,15 +29,19 @@ _HEAD_BYTES = 9
 
 
 def digest_of(name: str, values: Mapping[str, str]) -> str:
-    """SHA-256 of a record, in hexadecimal: of its name and values as JSON with sorted keys."""
+    """SHA-256, in hexadecimal, of a metadata record: of its name and values as JSON with sorted keys."""
     return hashlib.sha256(json.dumps([name, dict(values)], sort_keys=True).encode()).hexdigest()
 
 
 def add_metadata(writer: Writer, records: Mapping[str, Mapping[str, str]]) -> None:
-    """Write all records of metadata of a recording, and their digests.
+    """Write all metadata records of a recording, and a record with their digests.
+
+    Args:
+        writer: of the MCAP file.
+        records: values of each record, by its name.
 
     Raises:
-        InputError: a value, which is a link to a video, is not UTF-8.
+        InputError: a value (a link to a video) is not UTF-8.
     """
     for values in records.values():
         for value in values.values():
@@ -49,11 +53,15 @@ def add_metadata(writer: Writer, records: Mapping[str, Mapping[str, str]]) -> No
 
 
 def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
-    """Read all metadata records by name, and verify their digests.
+    """Read the values of all metadata records by name, and verify their digests.
+
+    Args:
+        path: the MCAP file.
+        summary: its index.
 
     Raises:
-        InputError: a record differs from the written one, or not where the index states.
-        McapError, struct.error, ValueError: it cannot be read as one.
+        InputError: a record differs from the written one, or is not where the index states.
+        McapError, struct.error, ValueError: a record cannot be parsed.
     """
     found: dict[str, dict[str, str]] = {}
     with path.open("rb") as file:
@@ -73,13 +81,13 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
 
 
 def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Names of records that are missing or differ from their digests; empty without digests."""
+    """Names of metadata records that are missing or differ from their digests; empty if there are no digests."""
     digests = records.get(DIGESTS, {})
     return [name for name, digest in digests.items() if name not in records or digest_of(name, records[name]) != digest]
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """Return the InputError for the damaged metadata record `name` at byte `at`."""
+    """InputError, to be raised, for the damaged metadata record `name` at byte `at`."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 
@@ -100,30 +108,29 @@ _VIDEOS = (
 
 
 def is_video_header(path: Path) -> bool:
-    """Whether the first bytes of a regular file are those of a video."""
+    """Whether the first bytes of a file are those of a video container or stream."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     return any(head[offset:].startswith(mark) for offset, mark in _VIDEOS)
 
 
 def leaves_folder(recording: Path, location: str) -> bool:
-    """Whether a link in a recording, to `location`, leads out of its folder, by its name or through symbolic links."""
+    """Whether the link `location` in a recording leads out of its folder, by name or through symbolic links."""
     lies = (recording.parent / location).resolve()
     return ".." in PurePosixPath(location).parts or not lies.is_relative_to(recording.parent.resolve())
 
 
 def linked_path(recording: Path, sensor: str, location: str) -> Path:
-    """The video file of a camera that a recording links to.
+    """Path of the video file of a camera that a recording links to.
 
     Args:
         recording: file that has the link.
         sensor: name of the camera.
-        location: of the video as the recording states it, relative to the recording's folder.
+        location: the link, relative to the recording's folder.
 
     Raises:
-        InputError: the location is absolute, no regular file that can be read is there, or it leads out of the folder
-            and
-            to a file that is no video.
+        InputError: the link is absolute, there is no readable regular file, or it leads out of the folder to a file
+            that is no video.
     """
     where = f"{recording}: camera {sensor}"
     if Path(location).is_absolute():

@@ -37,19 +37,25 @@ from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
 @dataclass
 class LinkedVideo:
-    """A linked video, decoded forwards only; frames keep the numbers that `occlog ingest` assigned."""
+    """A linked video of a camera, decoded forwards only; frames keep the numbers that `occlog ingest` assigned.
+
+    `where` names recording and camera in messages.
+    """
 
     path: Path
     where: str
     _video: SubprocessVideo | None = field(default=None)
 
     def open(self) -> None:
-        """Start decoding in a separate process; InputError unless at least one frame can be decoded."""
+        """Start decoding in a separate process, unless it runs; InputError if not one frame can be decoded."""
         if self._video is None:
             self._video = SubprocessVideo(self.path)
 
     def read(self, index: int) -> Image:
-        """Frame with number `index`; earlier frames are skipped; InputError if it cannot be decoded."""
+        """Frame with the number `index`; earlier frames are skipped, so that calls must be in increasing order.
+
+        InputError if it cannot be decoded.
+        """
         self.open()
         assert self._video is not None
         image = self._video.read(index)
@@ -64,9 +70,12 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """Open the linked video of a camera (`sensor`); InputError if missing or changed.
+    """Linked video of a camera; InputError if the link or the video is missing, or its content has changed.
 
-    `link` has path and SHA-256 of the video; None: the recording has none.
+    Args:
+        recording: file that has the link.
+        sensor: name of the camera.
+        link: `path`, relative to the recording, and `sha256` of the video; None: there is no link.
     """
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
@@ -87,7 +96,7 @@ ROWS_PER_CHUNK = 16_384
 
 @dataclass(frozen=True)
 class McapChannel:
-    """A channel of an MCAP file."""
+    """A channel (topic) of an MCAP file: name, message schema, encoding and number of messages."""
 
     name: str
     schema: str
@@ -97,7 +106,19 @@ class McapChannel:
 
 @dataclass(frozen=True)
 class McapRecording:
-    """An opened recording; nothing but its index has been read yet."""
+    """An opened recording, or MCAP file of another program, of which only the index has been read.
+
+    Attributes:
+        path: the file.
+        scene: the attached scene; None: there is none.
+        topics: its channels, sorted by name.
+        provenance: how it was made.
+        attachments: byte offset and length of each attached file, by name.
+        videos: path and SHA-256 of the linked video of each camera.
+        time_ns: first and last time of the messages [ns since the Unix epoch]; None without messages.
+        ours: whether occlog wrote it.
+        indexed: whether the file has a complete index; otherwise one was rebuilt.
+    """
 
     path: Path
     scene: Scene | None
@@ -112,7 +133,7 @@ class McapRecording:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded when the recording was made."""
+        """Losses of input recorded in the recording's provenance."""
         return self.provenance.losses
 
     @property
@@ -121,15 +142,15 @@ class McapRecording:
         return tuple(sorted({sensor_of(t.name) for t in self.topics if _is_image(t)}))
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Whether the recording holds rows of a table."""
+        """Whether the recording has messages with rows of `table`."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
     def sensors_of(self, table: type[ColumnTable]) -> tuple[str, ...]:
-        """Names of the sensors with rows of a table, sorted."""
+        """Names of the sensors with rows of `table`, sorted."""
         return tuple(sorted(t.name.rsplit("/", 1)[-1] for t in self.topics if t.schema == schema_of(table)))
 
     def messages(self, table: type[ColumnTable]) -> int:
-        """Number of messages with rows of a table; a message has the rows of a sensor at a time."""
+        """Number of messages with rows of `table`; each has the rows of a sensor at a time."""
         return sum(t.messages for t in self.topics if t.schema == schema_of(table))
 
     def attachment(self, name: str) -> bytes | None:
@@ -140,7 +161,10 @@ class McapRecording:
             return read_attachment(self.path, file, *self.attachments[name])
 
     def tables(self, table: type[T], rows: int = ROWS_PER_CHUNK) -> Iterator[T]:
-        """Generate chunks of about `rows` rows of a table; rows of one time are never split."""
+        """Yield the rows of `table`, in the order of time, in chunks of about `rows` rows.
+
+        Rows of one time are in one chunk. InputError for a damaged or invalid message.
+        """
         topics = [t.name for t in self.topics if t.schema == schema_of(table)]
         collector = RowCollector(table, str(self.path))
         last = None
@@ -153,13 +177,17 @@ class McapRecording:
             yield collector.take()
 
     def read(self, table: type[T]) -> T:
-        """Read all rows of a table."""
+        """All rows of `table` in the order of time; InputError for a damaged or invalid message."""
         return table.concat(self.tables(table))
 
     def frames(self, sensors: Iterable[str] | None = None) -> Iterator[Frame]:
-        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase.
+        """Yield the frames of cameras, not decoded, sorted by time.
 
-        `sensors` are the names of the cameras; None: all.
+        Args:
+            sensors: names of the cameras; None: all.
+
+        Raises:
+            InputError: times of a camera do not increase, or its linked video is missing or changed.
         """
         wanted = set(self.cameras if sensors is None else sensors)
         topics = {t.name: t for t in self.topics if _is_image(t) and sensor_of(t.name) in wanted}
@@ -193,7 +221,7 @@ class McapRecording:
         return stamp or t_ns, partial(decode_apart, image, where), image
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
-        """Generate the messages of topics sorted by time: topic, log time [ns], data, sequence number.
+        """Yield (topic, recording time [ns], data, sequence number) of the messages of some topics, sorted by time.
 
         InputError if there are fewer than the index states.
         """
@@ -212,9 +240,10 @@ class McapRecording:
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Paths of the linked videos of a recording; paths inside its folder are listed even if files are missing.
+    """Paths of the linked videos of a recording; empty for a file that is not a recording or cannot be opened.
 
-    Empty for a file that is not a recording or cannot be opened.
+    A link inside the recording's folder is listed even if the file is missing, one that leads out of it only if it is a
+    video.
     """
     try:
         if content_of(path, "a recording") is not Content.RECORDING:
@@ -235,7 +264,7 @@ def linked_videos(path: Path) -> tuple[Path, ...]:
 
 
 def sensor_of(topic: str) -> str:
-    """Camera named by a topic: `/camera/NAME/...` gives NAME, any other topic its path with dots for slashes."""
+    """Camera that a topic is of: `/camera/NAME/...` gives NAME, any other topic its path with dots for slashes."""
     parts = topic.strip("/").split("/")
     if len(parts) == 3 and parts[0] == "camera":
         return parts[1]
@@ -247,7 +276,10 @@ def _is_image(topic: McapChannel) -> bool:
 
 
 def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
-    """InputError if the recording time `t_ns` [ns] of message `number` of a topic is out of range."""
+    """InputError if the recording time `t_ns` [ns] of a message is beyond +-`MAX_NS`.
+
+    `path`, `topic` and `number` (of the message) are for the message of the error.
+    """
     try:
         bounded_ns(t_ns)
     except ValueError as error:
@@ -257,9 +289,14 @@ def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
 
 
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
-    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes.
+    """Parse a message `foxglove.CompressedImage` to the sensor time and the compressed bytes.
 
-    `encoding` is json or protobuf; InputError for other data.
+    The time is in ns since the Unix epoch; 0: not given. InputError for an invalid message.
+
+    Args:
+        encoding: `json` or `protobuf`.
+        data: the message.
+        where: describes the frame, for messages.
     """
     try:
         if encoding == "json":
@@ -286,7 +323,7 @@ class _JsonImage(msgspec.Struct):
 
 
 def open_recording(path: Path) -> McapRecording:
-    """Open the recording in an MCAP file; InputError if damaged."""
+    """Open a recording of occlog, or an MCAP file of another program; InputError if it is damaged."""
     path = Path(path)
     with open_mcap(path) as (reader, summary):
         indexed = not isinstance(reader, RebuiltIndexReader)

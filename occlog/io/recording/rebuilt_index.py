@@ -71,12 +71,12 @@ DATA = frozenset(
 
 
 class UnchunkedMessages(NamedTuple):
-    """Messages outside chunks, in file order.
+    """Positions of the N messages outside of chunks, in file order.
 
     Attributes:
         at: (N,) byte at which each record begins.
         log_ns: (N,) when it was recorded [ns].
-        channel: (N,) its channel.
+        channel: (N,) number of its channel.
     """
 
     at: array[int]
@@ -85,14 +85,17 @@ class UnchunkedMessages(NamedTuple):
 
 
 class RebuiltIndex(NamedTuple):
-    """Index made by a scan of a file."""
+    """Index of an MCAP file made by a scan: the library's `Summary`, and the messages outside of chunks."""
 
     summary: Summary
     loose: UnchunkedMessages
 
 
 def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
-    """Whether the index `summary` is complete, by its statistics and by the message indexes after chunks."""
+    """Whether the index of an MCAP file lists all its messages, attachments and metadata.
+
+    It must agree with its own statistics, and with the message indexes after chunks.
+    """
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
 
@@ -124,9 +127,9 @@ def _agrees_with_itself(summary: Summary) -> bool:
 
 
 def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
-    """Whether the message indexes after the chunks agree with the file's index in channels and counts.
+    """Whether the message indexes after the chunks agree with the file's index in channels and numbers of messages.
 
-    Otherwise readers would skip chunks that hold requested topics.
+    Otherwise readers would skip chunks that hold messages of requested topics.
     """
     counts, size = Counter[int](), file.seek(0, io.SEEK_END)
     left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share their index would be read as often
@@ -148,7 +151,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
 
 
 def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
-    """Rebuild the index of a complete file; sizes and check sums are verified during the scan.
+    """Make the index of a complete MCAP file by a scan, in which sizes and check sums are verified.
 
     Args:
         path: its name, for messages.
@@ -156,15 +159,18 @@ def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
 
     Raises:
         InputError: it is damaged, or its definitions contradict each other.
-        struct.error, ValueError, ...: what damaged records raise (see `translate_mcap`).
+        struct.error, ValueError, ...: what damaged records raise; for use within `translate_mcap`.
     """
     return _Pass(path, file).done()
 
 
 def check_index_statistics(path: Path, declared: Summary | None, made: Summary) -> None:
-    """InputError unless a file holds as much as the statistics of its own index state.
+    """InputError unless a file has as many messages, attachments and metadata as its own index states.
 
-    `declared` is its index (None: it has none), `made` the one rebuilt from its content.
+    Args:
+        path: file, for messages.
+        declared: its index; None: it has none, and passes.
+        made: the index rebuilt from its content.
     """
     if declared is None or declared.statistics is None:
         return
@@ -175,7 +181,7 @@ def check_index_statistics(path: Path, declared: Summary | None, made: Summary) 
 
 
 class _Pass:
-    """A scan of a file, record by record."""
+    """A scan of an MCAP file, record by record, that makes its index; damage is an InputError."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         self._path, self._file = path, file
@@ -220,7 +226,10 @@ class _Pass:
         return RebuiltIndex(summary, UnchunkedMessages(self._at, self._log_ns, self._channel))
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
-        """Generate (byte, code, length) of each data record; the file position is after its header."""
+        """Yield (byte, opcode, length) of each record before the end of the data; the file is at the record's content.
+
+        The check sum of the data is verified at the end.
+        """
         size = self._file.seek(0, io.SEEK_END)
         at = len(RECORDING_MAGIC)
         while at < size:
@@ -246,7 +255,10 @@ class _Pass:
         raise self._damaged("the end of the data is missing")
 
     def _check_end(self, at: int, size: int) -> None:
-        """InputError unless only an index follows the end of the data at byte `at`; `size` is that of the file."""
+        """InputError unless only an index and the end mark follow the end of the data.
+
+        `at` is the byte at which the data end, `size` that of the file.
+        """
         behind = byte_after_end(self._file, at, size)
         if behind is None:
             raise self._damaged(f"behind the end of the data at byte {at} are other data than an index")
@@ -254,7 +266,7 @@ class _Pass:
             raise self._damaged(f"{size - behind} bytes follow its end mark at byte {behind}")
 
     def _sum(self, head: bytes, length: int) -> None:
-        """Update the check sum of the data by the head of a record and the next `length` bytes of the file."""
+        """Read the next `length` bytes of the file, and add them, after the record's head, to the running check sum."""
         self._crc = zlib.crc32(head, self._crc)
         while length > 0:
             block = self._file.read(min(length, _BLOCK))
@@ -309,7 +321,12 @@ class _Pass:
             self._summary.chunk_indexes.append(index)
 
     def _message(self, at: int, head: bytes) -> tuple[int, int]:
-        """Count the message at byte `at`, of which `head` is the beginning; return its channel and time [ns]."""
+        """Count a message, and return its channel and recording time [ns].
+
+        Args:
+            at: byte of the record, or of its chunk, for messages.
+            head: first bytes of the record's content.
+        """
         channel, _, log_ns, _ = MESSAGE_HEAD.unpack(head)
         if channel not in self._summary.channels:
             raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
@@ -334,9 +351,9 @@ class _Pass:
             raise self._damaged(f"{what} {found.id} is defined a second time, and otherwise, at byte {at}")
 
     def _attachment(self, at: int, length: int) -> AttachmentIndex:
-        """Index entry of the attachment record at byte `at`, which has `length` bytes of content.
+        """Index entry of an attachment; its data, which may be large, are not read.
 
-        Its data, which may be large, is not read.
+        `at` is the first byte of the record, `length` the size of its content [bytes].
         """
         stream = _stream(self._file.read(min(length, _BLOCK)))
         log_time, create_time = stream.read8(), stream.read8()
@@ -363,29 +380,29 @@ Found = tuple[Schema | None, Channel, Message]
 
 
 class McapMessages(Protocol):
-    """Interface to the messages, attachments and metadata of an MCAP file."""
+    """Interface to the messages, attachments and metadata of an MCAP file, as of the library's reader."""
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some topics (None: all), in the order of time or of the file."""
+        """Yield (schema or None, channel, message) of the given topics (None: all), in order of time or of the file."""
 
     def iter_attachments(self) -> Iterator[Attachment]:
-        """Generate all attachments."""
+        """Yield all attachments."""
 
     def iter_metadata(self) -> Iterator[Metadata]:
-        """Generate all metadata records."""
+        """Yield all metadata records."""
 
 
 class RebuiltIndexReader:
-    """Reads an MCAP file by a rebuilt index, in bounded memory."""
+    """Reader of an MCAP file by a rebuilt index, in bounded memory."""
 
     def __init__(self, file: IO[bytes], made: RebuiltIndex) -> None:
-        """Create a reader of `file`; check sums of chunks are verified again."""
+        """Wrap an open file and its rebuilt index; check sums of chunks are verified again on reading."""
         self._file, (self._summary, self._loose) = file, made
         file.seek(0)
         self._chunked = _Given(file, self._summary)
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some topics (None: all), in the order of time or of the file.
+        """Yield (schema or None, channel, message) of the given topics (None: all), in order of time or of the file.
 
         Messages of one time are in file order, those in chunks before those outside.
         """
@@ -400,11 +417,11 @@ class RebuiltIndexReader:
         yield from heapq.merge(chunked, loose, key=lambda each: each[2].log_time)
 
     def iter_attachments(self) -> Iterator[Attachment]:
-        """Generate all attachments."""
+        """Yield all attachments."""
         yield from self._chunked.iter_attachments()
 
     def iter_metadata(self) -> Iterator[Metadata]:
-        """Generate all metadata records."""
+        """Yield all metadata records."""
         yield from self._chunked.iter_metadata()
 
     def _in_file_order(self, topics: Collection[str] | None) -> Iterator[Found]:
@@ -437,7 +454,7 @@ class RebuiltIndexReader:
 
 
 class _Given(SeekingReader):  # type: ignore[misc]
-    """The library's reader with a given index."""
+    """The library's reader of MCAP files, which uses a given index instead of the one in the file."""
 
     def __init__(self, file: IO[bytes], summary: Summary) -> None:
         super().__init__(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)

@@ -31,12 +31,12 @@ _JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number",
 
 
 def schema_of(table: type[ColumnTable]) -> str:
-    """Name of the message schema, e.g. `occlog.Bearings`."""
+    """Name of the schema of messages with rows of a table, e.g. `occlog.Bearings`."""
     return f"occlog.{table.__name__}"
 
 
 def topic_of(table: type[ColumnTable], sensor: str) -> str:
-    """Topic of a table's messages; one per sensor if the table has sensors."""
+    """Topic of the messages with rows of a table: `/TABLE/SENSOR`, or `/TABLE` if no column names a sensor."""
     return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
 
 
@@ -46,12 +46,12 @@ def _has_sensor(table: type[ColumnTable]) -> bool:
 
 
 def _listed(table: type[ColumnTable]) -> list[Column]:
-    """Columns that are lists in a message; time and sensor occur once."""
+    """Columns of a table that are lists in a message: all but time and sensor, which a message has once."""
     return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
 
 
 def message_schema(table: type[ColumnTable]) -> dict[str, object]:
-    """JSON Schema of the messages of a table."""
+    """JSON Schema of the messages with rows of a table at one time."""
     properties: dict[str, object] = {"t_ns": {"type": "integer", "description": "ns since the Unix epoch, of all rows"}}
     if _has_sensor(table):
         properties["sensor"] = {"type": "string", "description": "sensor of all rows"}
@@ -72,7 +72,7 @@ def message_schema(table: type[ColumnTable]) -> dict[str, object]:
 
 
 def table_to_messages(table: ColumnTable) -> Iterator[tuple[str, int, bytes]]:
-    """Generate (topic, t_ns, JSON) of the rows of a table sorted by time."""
+    """Yield (topic, time [ns], message as JSON bytes) for each time and sensor of a table, which is sorted by time."""
     if not len(table):
         return
     kind = type(table)
@@ -92,7 +92,7 @@ def table_to_messages(table: ColumnTable) -> Iterator[tuple[str, int, bytes]]:
 
 @cache
 def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
-    """Strict decoder of a table's messages: texts are not numbers, and 1.5 is not a time."""
+    """Strict JSON decoder of the messages of a table: texts are not numbers, and 1.5 is not a time."""
     fields: list[Any] = [("t_ns", int), *([("sensor", str)] if _has_sensor(table) else [])]
     for c in sorted(_listed(table), key=lambda c: c.optional):
         item: Any = _PYTHON_TYPES[c.kind]
@@ -103,10 +103,10 @@ def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
 
 
 class RowCollector(Generic[T]):
-    """Collects rows from messages of one table, and returns them as tables."""
+    """Collects the rows of messages of one table, and returns them as a table."""
 
     def __init__(self, table: type[T], source: str) -> None:
-        """Start without rows; `source` names the file in messages."""
+        """Start without rows of `table`; `source` is the file in messages."""
         self.rows = 0
         self._table, self._source = table, source
         self._lists: dict[str, list[object]] = {c.name: [] for c in table.columns()}
@@ -116,9 +116,11 @@ class RowCollector(Generic[T]):
         self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Append the rows of a message of a topic; InputError if it does not fit the table, or rows are too many.
+        """Append the rows of a message; InputError if it does not fit the table, or if too many rows are collected.
 
-        `data` is the encoded message.
+        Args:
+            topic: of the message, for messages of errors.
+            data: the message, JSON.
         """
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
@@ -152,7 +154,10 @@ class RowCollector(Generic[T]):
             self._lists["sensor"].extend([message.sensor] * n)
 
     def take(self) -> T:
-        """Return the collected rows as a table sorted by its key, and clear the collector."""
+        """Collected rows as a table sorted by its key; the collector is empty then.
+
+        InputError for invalid values or duplicate rows.
+        """
         values = self.columns()
         try:
             table = self._table(**values).sorted()
@@ -163,7 +168,7 @@ class RowCollector(Generic[T]):
             raise InputError(f"{self._source}: {error}") from error
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return the columns of the collected rows, unchecked, and clear the collector."""
+        """Columns (n,) of the collected rows by name, unchecked and unsorted; the collector is empty then."""
         lists, self._lists = self._lists, {c.name: [] for c in self._table.columns()}
         self.rows = 0
         return {c.name: _array(c, lists[c.name], self._source) for c in self._table.columns()}

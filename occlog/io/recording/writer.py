@@ -48,7 +48,7 @@ VIDEO_FRAME_SCHEMA = {
 
 
 def begin_mcap(file: IO[bytes]) -> Writer:
-    """Begin the MCAP file of a recording: chunks of 1 MiB, with all indexes and check sums."""
+    """Start writing an MCAP file: header with the version of occlog, chunks of 1 MiB, all indexes and check sums."""
     writer = Writer(
         file,
         chunk_size=1024 * 1024,
@@ -65,6 +65,10 @@ class RecordingWriter:
     """Writer of a recording (MCAP), a context manager; the file appears when the block ends without an error.
 
     Messages may be added in any order; each camera's frames must come in the order of time.
+
+    Attributes:
+        together: group of outputs that appear together; None: none.
+        messages: number of messages written.
     """
 
     def __init__(
@@ -76,11 +80,17 @@ class RecordingWriter:
         overwrite: bool = False,
         together: OutputGroup | None = None,
     ) -> None:
-        """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
+        """Prepare to write; nothing is opened before the block begins.
 
-        UsageError for a name that promises another format than MCAP.
-        With `together` the file, and those written with the attribute of this name, appear at its end.
-        `scene` and `provenance` are stored in the file.
+        Args:
+            path: the file.
+            scene: attached to it; None: no scene.
+            provenance: stored in it.
+            overwrite: replace an existing file; else OutputExistsError at the beginning of the block.
+            together: group at the end of which the file appears; None: at the end of the block.
+
+        Raises:
+            UsageError: the name promises another format than MCAP.
         """
         self.together = together
         self._path = Path(path)
@@ -101,9 +111,14 @@ class RecordingWriter:
         return self
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image of a camera as `foxglove.CompressedImage`.
+        """Write a compressed image of a camera as `foxglove.CompressedImage`.
 
-        `kind` is png or jpeg, `index` the frame number, `t_ns` its time [ns].
+        Args:
+            sensor: name of the camera.
+            t_ns: time of the frame [ns since the Unix epoch].
+            index: number of the frame, from 0.
+            data: the compressed image.
+            kind: its format, `png` or `jpeg`.
         """
         message = CompressedImage(frame_id=sensor, data=data, format=kind)
         message.timestamp.FromNanoseconds(t_ns)
@@ -111,16 +126,19 @@ class RecordingWriter:
         self._add(channel, t_ns, message.SerializeToString(), index)
 
     def video(self, sensor: str, path: str, sha256: str) -> None:
-        """Declare that frames of `sensor` are in a video file, of a SHA-256; `path` is relative to the recording."""
+        """Link the video file with the frames of a camera.
+
+        `path` is relative to the recording, `sha256` that of its content. Stored at the end.
+        """
         self._videos[sensor] = {"path": path, "sha256": sha256}
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time `t_ns` [ns] of frame `index` of a linked video."""
+        """Write the time `t_ns` [ns since the Unix epoch] of frame `index` (from 0) of a camera's linked video."""
         channel = self._channel(f"/camera/{sensor}/video", VIDEO_FRAME, "json")
         self._add(channel, t_ns, json.dumps({"t_ns": t_ns, "index": index}).encode(), index)
 
     def table(self, table: ColumnTable) -> None:
-        """Add rows (sorted by time) of one of the tables that a recording can hold."""
+        """Write the rows of a table, sorted by time, as messages; it must be one of `RECORDED`."""
         name = schema_of(type(table))
         for topic, t_ns, data in table_to_messages(table):
             if name not in self._schemas:
@@ -138,15 +156,15 @@ class RecordingWriter:
         data: bytes,
         coded: tuple[str, str] = PROTOBUF,
     ) -> None:
-        """Add a message of a topic, at `t_ns` [ns].
+        """Write a message of any type.
 
         Args:
             topic: of the message.
-            schema: its name.
-            described: creates the schema, called once for each.
-            t_ns: time [ns].
+            schema: name of its schema.
+            described: returns the content of the schema; called once for each name.
+            t_ns: time [ns since the Unix epoch].
             data: encoded message.
-            coded: encoding of messages, and language of the schema.
+            coded: encoding of the message, and language of the schema.
         """
         encoding, language = coded
         if schema not in self._schemas:
@@ -156,11 +174,11 @@ class RecordingWriter:
         self._add(self._channel(topic, schema, encoding), t_ns, data, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Attach a file with this name, media type and content."""
+        """Attach a file with this name, media type (MIME) and content."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one known only at the end (with losses, for example)."""
+        """Replace the provenance, when it is complete only at the end (for example with losses)."""
         self._provenance = provenance
 
     def _register(self, name: str, encoding: str, data: bytes) -> int:

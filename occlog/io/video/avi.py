@@ -38,13 +38,21 @@ _LISTS = (b"RIFF", b"LIST")
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like an AVI file."""
+    """Whether a file begins like an AVI file."""
     return len(data) >= 12 and data[:4] == b"RIFF" and data[8:12] == b"AVI "
 
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """Header of a video stream: number, frame rate, first packet, frame count, largest frame [bytes]."""
+    """Header of an AVI video stream.
+
+    Attributes:
+        number: of the stream in the file.
+        rate: frames per second.
+        first: number of its first packet.
+        announced: number of frames.
+        largest: size of the largest frame [bytes].
+    """
 
     number: int
     rate: Fraction
@@ -55,7 +63,7 @@ class _Stream:
 
 @dataclass
 class _AviScan:
-    """State of the scan of a file."""
+    """Parts of an AVI file found so far: header, index and lists of frames, and its faults."""
 
     chunks: list[tuple[int, int]] = field(default_factory=list)  # (position, bytes) of the video stream's chunks
     problems: Faults = field(default_factory=Faults)
@@ -65,7 +73,7 @@ class _AviScan:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Return the times of the video frames of an AVI file, and its faults; damage does not raise."""
+    """Frame list of an AVI file, with its faults; damage does not raise."""
     found = _AviScan()
     try:
         _walk_top(data, found)
@@ -97,9 +105,9 @@ def _walk_top(data: mmap.mmap, found: _AviScan) -> None:
 
 
 def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[ByteRange]:
-    """Generate the chunks from byte `start` up to `stop`; `padded`: zeros after the first one end them.
+    """Yield the chunks from byte `start` up to `stop`, which may end beyond the end of the file.
 
-    BrokenContainerError where no chunk begins.
+    `padded`: zeros after the first chunk end them. BrokenContainerError at a byte at which no chunk begins.
     """
     first = start
     while start + 8 <= stop:
@@ -120,7 +128,7 @@ def _is_name(kind: bytes) -> bool:
 
 
 def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
-    """Parse the first video stream that the header lists.
+    """Header of the first video stream; `header` is the byte range of the list of streams.
 
     BrokenContainerError if there is none, or its frame rate is impossible.
     """
@@ -174,15 +182,23 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
 
 
 def _is_frame(kind: bytes, tag: bytes) -> bool:
-    """Whether a chunk `kind` (4 bytes, such as 00dc) holds a frame of stream `tag` (its first 2), not a palette."""
+    """Whether a chunk of the name `kind` (4 bytes, such as 00dc) holds a frame of the stream `tag` (2 bytes).
+
+    Palettes are no frames.
+    """
     return kind[:2] == tag and kind[2:] != PALETTE
 
 
 def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
-    """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
+    """(n, 3) frame number, byte and size of the readable chunks of a stream, in the order of the file.
 
-    Chunks are numbered in sequence. After a damaged header the index gives the number of the next chunk that is found
-    at its indexed position; without an index, numbering ends there. `tag` begins the names of the stream's chunks.
+    Chunks are numbered in sequence. After damage the index gives the number of the next chunk that is found at its
+    indexed position; without an index, numbering ends there.
+
+    Args:
+        data: the file.
+        found: its parts; faults are added.
+        tag: first 2 bytes of the names of the stream's chunks.
     """
     out = array("q")
     index: tuple[Ints, Ints] | None = None
@@ -212,9 +228,9 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
 
 
 def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
-    """First byte and frame number, both increasing, of the stream's chunks found at their indexed positions.
+    """First byte and frame number, (n,) each and increasing, of a stream's chunks that are at their indexed position.
 
-    `tag` begins the names of the stream's chunks.
+    Empty without an index. `tag` are the first 2 bytes of the names of the stream's chunks.
     """
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:

@@ -38,9 +38,9 @@ OTHER_MIRROR = "at another angle"
 
 
 def mirror_of(a: float, b: float, c: float, d: float) -> str:
-    """Reflection in a display matrix x' = a x + c y, y' = b x + d y, one of `MIRRORS` or `OTHER_MIRROR`.
+    """How a display matrix x' = a x + c y, y' = b x + d y mirrors pictures: one of `MIRRORS` or `OTHER_MIRROR`.
 
-    Empty if there is none.
+    Empty if it does not.
     """
     signs = tuple((each > 0) - (each < 0) for each in (a, b, c, d))
     return MIRRORS.get(signs, OTHER_MIRROR) if a * d < b * c else ""
@@ -48,21 +48,22 @@ def mirror_of(a: float, b: float, c: float, d: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Container:
-    """Frame list of a container.
+    """Frame list of a video container, read without a decoder.
 
     Attributes:
         kind: `mp4`, `avi` or `matroska`.
-        pts_ns: (n,) presentation times of all frames, from 0 and rising; None: they are not known.
-        broken: (n,) frames with bytes that are not in the file, or not all.
-        stamped: the times are stamps, not frame numbers divided by a frame rate.
+        pts_ns: (n,) presentation times of all frames [ns], from 0 and increasing; None: they are not known.
+        broken: (n,) mask of frames with bytes that are not, or not all, in the file.
+        stamped: the times are time stamps, not frame numbers divided by a frame rate.
         rate: frames per second as stated, None if not.
-        problems: (position, what) of every fault found.
+        problems: (position, description) of every fault found.
         packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
         first_packet: AVI only: number from which the decoder counts packets.
-        steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
+        steps: AVI only: (n,) number of frame intervals from the first packet to each frame; None: k for frame k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
-        largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
-        mirror: how the metadata ask players to mirror the pictures: a key of `MIRRORS`, or `OTHER_MIRROR`.
+        largest: AVI only: size of the largest frame [bytes] by the header, and in the file.
+        mirror: how the metadata ask players to mirror the pictures: a value of `MIRRORS`, or `OTHER_MIRROR`; empty:
+            not.
     """
 
     kind: str
@@ -85,7 +86,7 @@ class Container:
 
 
 class Faults:
-    """List of faults (position, description) of bounded length."""
+    """List of faults (position, description) of bounded length; after the first `MAX_FAULTS` they are only counted."""
 
     def __init__(self) -> None:
         self._reported: list[tuple[str, str]] = []
@@ -93,7 +94,7 @@ class Faults:
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
-        """Add a fault (position, description); of many, the rest is counted."""
+        """Add a fault (position, description), or count it if there are `MAX_FAULTS` already."""
         if len(self._reported) < MAX_FAULTS:
             self._reported.append(fault)
             return
@@ -105,14 +106,14 @@ class Faults:
         return bool(self._reported)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
-        """The first faults, and one entry that counts the others."""
+        """Yield the first faults, and one entry that counts the others."""
         yield from self._reported
         if self._more:
             yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more positions"
 
 
 class BrokenContainerError(ValueError):
-    """The container cannot be parsed beyond a byte."""
+    """A container cannot be parsed beyond a byte (`byte`), for the reason `what`."""
 
     def __init__(self, byte: int, what: str) -> None:
         super().__init__(f"byte {byte}: {what}")
@@ -121,7 +122,7 @@ class BrokenContainerError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ByteRange:
-    """Byte range start..stop of the file; `stop` may be beyond the end of a truncated file."""
+    """Part of a file: its name `kind`, and bytes start <= n < stop; `stop` may be beyond the end of the file."""
 
     kind: bytes
     start: int
@@ -129,10 +130,15 @@ class ByteRange:
 
 
 def let_go(data: mmap.mmap, upto: int, done: int) -> int:
-    """Release the mapped memory of the part already read, occasionally; return the byte up to which it is released.
+    """Release the mapped memory of the part of a file that was read; return the byte up to which it is released.
 
-    Pages of a mapped file count as the process's memory while they are mapped. `upto` is the byte up to which the file
-    is read, `done` what the last call returned.
+    Pages of a mapped file count as the process's memory while they are mapped. Nothing is done before another
+    `RELEASE_BYTES` were read.
+
+    Args:
+        data: the mapped file.
+        upto: byte up to which it was read.
+        done: result of the last call, 0 at first.
     """
     if upto - done < RELEASE_BYTES:
         return done
@@ -142,12 +148,15 @@ def let_go(data: mmap.mmap, upto: int, done: int) -> int:
 
 
 def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
-    """A container with an unreadable frame list."""
+    """A `Container` without a frame list, which could not be read.
+
+    `problems` are its faults (position, description).
+    """
     return Container(kind, None, np.zeros(0, dtype=np.bool_), False, None, problems)
 
 
 def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
-    """Numbers at a byte, by a layout of `struct`; BrokenContainerError at the end of the data."""
+    """Numbers at a byte of a file, in a `struct` layout; BrokenContainerError if the file ends before."""
     try:
         return struct.unpack_from(layout, data, byte)
     except struct.error:
@@ -155,7 +164,7 @@ def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
 
 
 def cut_short(size: int, wanted: int, part: str) -> tuple[str, str]:
-    """Position and text of the fault of a file of `size` bytes that would need `wanted` for its `part`."""
+    """Fault (position, description) of a file of `size` bytes that ends before byte `wanted`, the end of its `part`."""
     return (
         f"byte {size}",
         f"the file ends {wanted - size} bytes before the end of its {part} (it was cut, or its recorder was stopped)",

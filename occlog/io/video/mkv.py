@@ -46,7 +46,7 @@ _LEVEL1 = {INFO, TRACKS, CLUSTER, 0x114D9B74, 0x1C53BB6B, 0x1254C367, 0x1043A770
 
 
 class Element(NamedTuple):
-    """An EBML element: first byte, start of its content, and end (None: not stated)."""
+    """An EBML element: identifier, its first byte, and first byte and end of its content (None: not stated)."""
 
     id: int
     head: int
@@ -56,7 +56,7 @@ class Element(NamedTuple):
 
 @dataclass
 class _MkvScan:
-    """State of the scan of a file."""
+    """What is known of a Matroska file so far: video track, times of its frames [ticks], and faults."""
 
     tick_ns: int = 1_000_000
     duration: float = 0.0  # ticks
@@ -70,12 +70,12 @@ class _MkvScan:
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like a Matroska file."""
+    """Whether a file begins like a Matroska or WebM file."""
     return data[:4] == EBML.to_bytes(4, "big")
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Return the times of the video frames of a Matroska or WebM file, and its faults; damage does not raise."""
+    """Frame list of a Matroska or WebM file, with its faults; damage does not raise."""
     found = _MkvScan()
     try:
         header = element(data, 0, len(data))
@@ -93,7 +93,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def element(data: mmap.mmap, at: int, stop: int) -> Element:
-    """Parse the element at byte `at`; BrokenContainerError if invalid, or at `stop`."""
+    """Parse the EBML element at byte `at`; BrokenContainerError if it is invalid, or `at` is not before `stop`."""
     if at >= min(stop, len(data)):
         raise BrokenContainerError(at, "the data ends here")
     first = data[at]
@@ -111,7 +111,10 @@ def element(data: mmap.mmap, at: int, stop: int) -> Element:
 
 
 def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
-    """Generate consecutive elements from byte `start` up to `stop`; BrokenContainerError if invalid."""
+    """Yield the consecutive EBML elements from byte `start` up to `stop`.
+
+    BrokenContainerError if one is invalid, of unknown size, or ends after `stop`.
+    """
     at = start
     while at < stop:
         child = element(data, at, stop)
@@ -142,9 +145,13 @@ def _segment(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
-    """Parse one top-level element, which ends at `stop` at the latest, and add what it holds to `found`.
+    """Parse one top-level element, add what it holds to `found`, and return the byte after it.
 
-    Return the byte after it.
+    Args:
+        data: the file.
+        part: the element.
+        stop: byte before which it ends at the latest.
+        found: updated.
     """
     end = part.stop
     if end is not None and end > stop:
@@ -168,9 +175,15 @@ def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
 
 
 def _check_sum(data: mmap.mmap, part: Element, end: int, found: _MkvScan) -> None:
-    """Verify a CRC-32 element at the beginning of an element against the content after it (RFC 8794 sec. 11.3.1).
+    """Verify the CRC-32 at the beginning of an element for the content after it, if there is one.
 
-    `end` is the byte after the element; a wrong check sum is added to the problems.
+    It is described in RFC 8794, section 11.3.1. A wrong one is added to the faults in `found`.
+
+    Args:
+        data: the mapped file.
+        part: the element.
+        end: byte after the element.
+        found: faults so far, extended here.
     """
     if data[part.start : part.start + 2] != b"\xbf\x84" or end - part.start < 6:
         return
@@ -218,9 +231,10 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_end: bool) -> int:
-    """Parse the frames of a cluster from byte `start` up to `stop`, and add their times; return the byte after it.
+    """Add the times of the frames in a cluster from byte `start` up to `stop` to `found`; return the byte after it.
 
-    `open_end`: its size is unknown, so that the next top-level element ends it.
+    `open_end`: the size of the cluster is unknown, and the next top-level element ends it. BrokenContainerError for an
+    invalid or truncated block.
     """
     at, base = start, 0
     while at < stop:
@@ -244,9 +258,13 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_en
 
 
 def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
-    """Add the time of a block of the video track, unless its picture is marked invisible.
+    """Add the time of a block to `found`, if it is of the video track and its picture is not marked invisible.
 
-    `e` is the block, `base` the time of its cluster [ticks].
+    Args:
+        data: the file.
+        e: the block.
+        base: time of its cluster [ticks].
+        found: updated.
     """
     stop = e.stop or e.start
     if e.start + 4 > stop or not data[e.start]:
@@ -273,11 +291,15 @@ def _container(found: _MkvScan) -> Container:
 
 
 def _fill_grid(times: Ints, found: _MkvScan) -> tuple[Ints, Bools, int]:
-    """Times of all frames, including those missing in a damaged file if the frame rate is constant.
+    """Times of all frames; in a damaged file with a constant frame rate including the missing ones.
+
+    Args:
+        times: (m,) increasing times of the frames that are there [ns].
+        found: has frame interval, duration and faults.
 
     Returns:
-        times (n,) after the first frame, which of them are missing (n,), and the time of
-        the first frame that is there.
+        (n,) times after the first frame [ns], (n,) mask of missing frames, and the time of the first frame that is
+            there [ns].
     """
     step, slack = found.frame_ns, 1.5 * found.tick_ns
     none = np.zeros(len(times), dtype=np.bool_)
@@ -305,10 +327,10 @@ TRACK_UID, TAG_TRACK_UID = 0x73C5, 0x63C5
 
 
 def number_tracks(path: Path) -> None:
-    """Set the track UIDs of a WebM file to 1, 2, ..., also in its tags.
+    """Set the track UIDs of a WebM file, which are random, to 1, 2, ... in place, also in its tags.
 
-    Matroska files are not supported, since FFmpeg adds check sums there. A damaged file is changed only up to the
-    damage.
+    Other files are unchanged. Not for Matroska files, in which FFmpeg adds check sums. A damaged file is changed only
+    up to the damage.
     """
     with path.open("r+b") as file:
         if not path.stat().st_size:
@@ -337,7 +359,7 @@ def _number(data: mmap.mmap) -> None:
 
 
 def _below(data: mmap.mmap, parent: Element, path: Sequence[int]) -> Iterator[Element]:
-    """Generate the elements at a path of identifiers below `parent`."""
+    """Yield the EBML elements below `parent` at a path of identifiers, outermost first."""
     for child in children(data, parent.start, len(data) if parent.stop is None else parent.stop):
         if child.id == path[0]:
             yield from _below(data, child, path[1:]) if len(path) > 1 else [child]

@@ -34,7 +34,15 @@ SMALLEST_FRAME = 8
 
 
 class VideoSampleTable(NamedTuple):
-    """Sample table of the video track in decoding order; times in ticks of `scale` per second."""
+    """Samples (frames) of the video track in decoding order, in columns (n,).
+
+    Attributes:
+        scale: ticks per second.
+        time: presentation time [ticks].
+        duration: [ticks].
+        offset: first byte in the file.
+        size: [bytes].
+    """
 
     scale: int
     time: Ints
@@ -44,9 +52,11 @@ class VideoSampleTable(NamedTuple):
 
 
 def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
-    """Generate the boxes from byte `start` up to `stop` as content ranges, which may end beyond the end of the file.
+    """Yield the boxes from byte `start` up to `stop`, as ranges of their content.
 
-    BrokenContainerError where no box begins.
+    Ranges may end beyond the end of the file.
+
+    BrokenContainerError at a byte at which no box begins.
     """
     stop = min(stop, len(data))
     while start + 8 <= stop:
@@ -64,12 +74,12 @@ def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
 
 
 def box_name(kind: bytes) -> str:
-    """The name of a box as printable text."""
+    """Name of a box as printable text."""
     return kind.decode("ascii", "backslashreplace")
 
 
 def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None:
-    """First box with a path of names inside the range `span`; None if missing."""
+    """First box at a path of names inside the range `span`, outermost name first; None if missing."""
     for kind in path:
         found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
         if found is None:
@@ -79,7 +89,7 @@ def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None
 
 
 def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
-    """First box with a path of names inside the range `span`; BrokenContainerError if missing."""
+    """First box at a path of names inside the range `span`, outermost name first; BrokenContainerError if missing."""
     found = find_box(data, span, *path)
     if found is None:
         raise BrokenContainerError(span.start, f"box {'/'.join(box_name(p) for p in path)} is missing")
@@ -87,7 +97,7 @@ def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
 
 
 def ticks_per_second(data: mmap.mmap, box: ByteRange) -> int:
-    """Ticks per second of an mdhd or mvhd box."""
+    """Time scale (ticks per second) in a box mdhd or mvhd; BrokenContainerError if it is 0."""
     scale = unpack(data, ">I", box.start + (20 if data[box.start] else 12))[0]
     if scale < 1:
         raise BrokenContainerError(box.start, "a time scale of 0")
@@ -95,9 +105,17 @@ def ticks_per_second(data: mmap.mmap, box: ByteRange) -> int:
 
 
 def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, head: int = 4) -> Ints:
-    """(n, width) entries of a table box with a count, as int64; empty if the box is missing (None).
+    """(n, width) numbers of a table box that begins with the number of its entries, as int64.
 
-    `dtype` is that of the numbers in the file, `head` the number of bytes before the count.
+    Args:
+        data: the file.
+        box: content of the box; None: missing, the table is empty.
+        width: numbers in each entry.
+        dtype: of the numbers in the file.
+        head: number of bytes before the count.
+
+    Raises:
+        BrokenContainerError: the table is longer than its box.
     """
     if box is None:
         return np.zeros((0, width), dtype=np.int64)
@@ -111,9 +129,17 @@ def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, h
 def read_fragments(
     data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], track_id: int, scale: int
 ) -> VideoSampleTable:
-    """Parse the samples of track `track_id` in the movie fragments `moofs`.
+    """Samples of a track in the movie fragments of a file, in the order of the file.
 
-    `moov` has the defaults, `scale` is the number of ticks per second.
+    Args:
+        data: the file.
+        moov: box with the defaults of the samples.
+        moofs: the movie fragments.
+        track_id: number of the track.
+        scale: ticks per second.
+
+    Raises:
+        BrokenContainerError: a fragment is damaged.
     """
     defaults = _track_defaults(data, moov, track_id)
     found = _Mp4Fragments()
@@ -128,12 +154,15 @@ def read_fragments(
 
 
 def most_samples(data: mmap.mmap) -> int:
-    """Maximum number of samples in a file of this size."""
+    """Maximum number of samples that are accepted in a file of this size."""
     return min(MAX_FRAMES, len(data) // SMALLEST_FRAME)
 
 
 class _Mp4Fragments:
-    """Samples of fragments so far: (n, 4) time, duration, offset and size, by run."""
+    """Samples of fragments so far: arrays (n, 4) of time and duration [ticks], offset and size [bytes].
+
+    Their total number.
+    """
 
     def __init__(self) -> None:
         self.samples: list[Ints] = []
@@ -141,9 +170,9 @@ class _Mp4Fragments:
 
 
 def _track_defaults(data: mmap.mmap, moov: ByteRange, track_id: int) -> tuple[int, int]:
-    """Default duration [ticks] and size [bytes] of the samples of track `track_id` in fragments; 0, 0 if not stated.
+    """Default duration [ticks] and size [bytes] of the samples of a track in fragments; 0, 0 if not stated.
 
-    They are in a box `trex` of the box `moov` of the file `data`.
+    They are in a box `trex` inside the box `moov`. `track_id` is the number of the track.
     """
     mvex = find_box(data, moov, b"mvex")
     for trex in boxes(data, mvex.start, mvex.stop) if mvex is not None else ():
@@ -167,8 +196,8 @@ def _fragment(
         data: the file.
         moof: movie fragment.
         traf: track fragment in it.
-        tfhd: its header.
-        defaults: duration and size of samples.
+        tfhd: header of the track fragment.
+        defaults: duration [ticks] and size [bytes] of samples.
         clock: time before it [ticks].
         found: updated.
     """
@@ -230,12 +259,12 @@ _TOP = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"styp", b"sidx", 
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Whether the file begins like an MP4 or QuickTime file."""
+    """Whether a file begins like an MP4 or QuickTime file."""
     return len(data) >= 8 and data[4:8] in _TOP
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Return the times of the video frames of an MP4 or QuickTime file, and its faults; damage does not raise."""
+    """Frame list of an MP4 or QuickTime file, with its faults; damage does not raise."""
     problems: list[tuple[str, str]] = []
     top: list[ByteRange] = []
     try:
@@ -288,9 +317,9 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
 
 
 def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, str]:
-    """Video track, its number, and the reflection in its display matrix (ISO/IEC 14496-12 sec. 8.3.2).
+    """First video track (box trak) in the box `moov`, its number, and how its display matrix mirrors pictures.
 
-    BrokenContainerError if `moov` has no video track.
+    ISO/IEC 14496-12 sec. 8.3.2. BrokenContainerError if there is no video track.
     """
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
@@ -327,7 +356,7 @@ def _sizes(data: mmap.mmap, stsz: ByteRange) -> Ints:
 
 
 def _runs(table: Ints, n: int) -> Ints:
-    """Expand a run-length table to n samples; 0 beyond its end."""
+    """Expand a run-length table (m, 2) of counts and values to n samples; 0 beyond its end."""
     out = np.zeros(n, dtype=np.int64)
     at = 0
     for count, value in table.tolist():
@@ -339,9 +368,15 @@ def _runs(table: Ints, n: int) -> Ints:
 
 
 def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
-    """(n,) file position of every sample; `stbl` is the sample table, `size` (n,) are the samples' sizes.
+    """(n,) first byte of every sample in the file.
 
-    BrokenContainerError if tables contradict each other.
+    Args:
+        data: the file.
+        stbl: box with the sample tables.
+        size: (n,) sizes of the samples [bytes].
+
+    Raises:
+        BrokenContainerError: the tables contradict each other.
     """
     chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
     if not len(chunks):
@@ -365,9 +400,16 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
 
 
 def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
-    """(n,) mask of the samples shown by the edit list, sorted by time; None if it joins separate segments.
+    """(n,) mask of the samples that the edit list shows; all True without one.
 
-    `time` (n,) are the rising times of the samples [ticks].
+    None if the list repeats, reorders or omits parts or changes the speed, so that times are not those of recording.
+
+    Args:
+        data: the file.
+        moov: box with the time scale of the edit list.
+        trak: box of the track.
+        samples: of the track.
+        time: (n,) increasing times of the samples [ticks].
     """
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:

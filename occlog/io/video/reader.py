@@ -11,7 +11,7 @@ from .container import Container
 
 
 def is_container(path: Path) -> bool:
-    """Whether a file is MP4, AVI or Matroska by its content, even if damaged."""
+    """Whether a file begins like MP4, AVI or Matroska; False if it cannot be read."""
     from . import avi, mkv, mp4
 
     try:
@@ -22,12 +22,12 @@ def is_container(path: Path) -> bool:
 
 
 def read_container(path: Path) -> Container | None:
-    """Read the frame list of a file; None for a container that is neither MP4, AVI nor Matroska.
+    """Frame list of a video file, recognised by its content; None for other containers than MP4, AVI and Matroska.
 
     Faults of the content are listed in `Container.problems`.
 
     Raises:
-        InputError: the file cannot be read at all, or it is empty.
+        InputError: the file cannot be read, or it is empty.
     """
     from . import avi, mkv, mp4
 

@@ -50,12 +50,12 @@ def overlaps(a: Floats, b: Floats) -> Floats:
 
 
 def areas(boxes: Floats) -> Floats:
-    """(n,) areas of boxes (n, 4)."""
+    """(n,) areas of boxes (n, 4): left, top, right, bottom."""
     return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
 
 
 def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> Ints:
-    """(n,) index of the track of each box, -1 for none: one to one, most pairs, then the greatest total IoU.
+    """(n,) index of the track assigned to each box, -1 for none: one to one, most pairs, then the greatest total IoU.
 
     Args:
         boxes: (n, 4) left, top, right, bottom [px] of detections in one frame.
@@ -253,7 +253,7 @@ class SightingTally:
     last_ns: int = -1
 
     def losses(self) -> tuple[Loss, ...]:
-        """Losses of boxes without a frame, and of frames that cannot be decoded."""
+        """Losses by camera: boxes of frames that are not among the images, and frames that cannot be decoded."""
         gone = [Loss(name, "boxes", "there is no frame of that number", n) for name, n in sorted(self.missing.items())]
         bad = [Loss(name, "frames", "cannot be decoded", n) for name, n in sorted(self.undecoded.items())]
         return (*gone, *bad)
@@ -458,7 +458,7 @@ class _Images:
     """Reads a stream of images, sorted by time, and holds those of the current time."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Start without reading images; `tally` is updated with those that are missing or cannot be decoded."""
+        """Start without reading images; `tally` counts, in place, missing ones and those that cannot be decoded."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None
@@ -467,7 +467,7 @@ class _Images:
     def at(self, boxes: FrameBoxes) -> Image | None:
         """Decoded image of the frame of `boxes`, whose times must not decrease; None if missing or damaged.
 
-        Missing boxes and undecoded frames are counted.
+        Boxes whose frame is missing, and frames that cannot be decoded, are counted in the tally.
         """
         if boxes.t_ns > self._time:
             self._held.clear()

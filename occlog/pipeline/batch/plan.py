@@ -29,10 +29,10 @@ class BatchRecording(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder, different from every other one, also where case does not count, or how accents are put.
-        shown: its file name, with folders where these are needed to find it among the others; names no machine; text.
-        location: where it is.
-        fault: why it cannot be taken, as text after its name; empty: it may be.
+        name: name of its run folder; unique, also if case or the encoding of accents is ignored.
+        shown: its file name, with the folders that distinguish it from the others.
+        location: absolute path or URL.
+        fault: why it cannot be processed, as text to follow its name; empty: it can.
     """
 
     name: str
@@ -50,10 +50,10 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
-        results: folder of the results, or its URL; patterns find nothing in it.
+        results: folder of the results, or its URL; files in it are not found.
 
     Raises:
-        InputError: a file is missing, or a pattern finds none.
+        InputError: a file is missing, or a pattern matches none.
     """
     locations = _each_once(location for pattern in patterns for location in _places(pattern, results))
     shown = _shown(locations)
@@ -70,7 +70,7 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
 
 def in_text(name: str) -> str:
-    r"""Return a name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
+    r"""Return a text with bytes that are not UTF-8, as in names of files, written as `\xe9`."""
     bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
@@ -126,7 +126,7 @@ def _is_below(name: str, folder: str) -> bool:
 
 
 def _may_be_file(name: str) -> bool:
-    """Whether a path is a file, or inaccessible (which is reported later)."""
+    """Return whether a path is a regular file, or inaccessible (which is reported later)."""
     try:
         return stat.S_ISREG(Path(name).stat().st_mode)
     except OSError:
@@ -163,7 +163,7 @@ def _found(pattern: str, results: str) -> list[str]:
 
 
 def _stem(location: str) -> str:
-    """Return the file name of a location without suffix; `_` replaces names of dots only, which denote folders."""
+    """Return the file name of a path or URL without suffix; a name of dots only becomes underscores."""
     stem = PurePosixPath(without_secrets(location) if is_url(location) else in_text(location)).stem
     return stem if stem.strip(".") else "_" * len(stem)
 
@@ -173,7 +173,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(locations: Sequence[str]) -> dict[str, str]:
-    """Return the short name of each location: its path below the common folder, or the URL without secrets."""
+    """Return the short name of each path or URL: its path below their common folder, or the URL without secrets."""
     local = [location for location in locations if not is_url(location)]
     common = os.path.commonpath([str(Path(location).parent) for location in local]) if local else ""
     files = {location: Path(location).relative_to(common).as_posix() for location in local}
@@ -181,11 +181,11 @@ def _shown(locations: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """Return `stem` with a hash, a name that file systems accept, and add its key to `taken`, in place.
+    """Return a unique name made of `stem` and a hash, which file systems accept, and add its key to `taken`, in place.
 
     Args:
         stem: first part, cut if too long.
-        shown: location of the recording, which is hashed.
+        shown: short name of the recording, which is hashed.
         taken: keys of the names in use (`key_of_name`).
     """
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()

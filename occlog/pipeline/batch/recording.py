@@ -38,17 +38,17 @@ RUNS = "runs"
 
 @contextmanager
 def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[Path]:
-    """Context manager: local folder for the results of a batch, uploaded at the end if the output is a URL.
+    """Context manager that yields a local folder for the results of a batch; for a URL they are uploaded at the end.
 
     Tables of an earlier command are removed, since runs change.
 
     Args:
         output: folder or URL.
         results: names of files over all recordings.
-        cache: where to work for a URL.
+        cache: has the local folder for a URL.
 
     Raises:
-        UsageError: the folder is of something else.
+        UsageError: the folder holds files and is not of a batch.
         OutputError: it cannot be made.
     """
     older = dict.fromkeys((*results, *(f"{table}.parquet" for table in TABLES)))
@@ -104,12 +104,12 @@ def _mark() -> dict[str, object]:
 
 @contextmanager
 def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
-    """Context manager: yield the local folder of a run; new files are uploaded at the end if the run is at a URL.
+    """Context manager that yields the local folder of a run; for a URL, new files are uploaded at the end.
 
     Args:
         location: path or URL of the run.
-        name: of the recording, which the local folder of a URL has.
-        cache: where that is created.
+        name: name of the recording, and of the local folder for a URL.
+        cache: has the local folder for a URL.
     """
     if not is_url(location):
         yield Path(location)
@@ -143,7 +143,11 @@ FAILED = "failed"
 
 @dataclass(frozen=True)
 class Task:
-    """Task of a worker: a recording, the configuration of its run, and where both are."""
+    """Task of a worker: to run the stages of a configuration on one recording.
+
+    `name`: name of the recording and its run; `shown`: its name in tables; `location`: path or URL of the recording;
+    `folder`: path or URL of its run folder; `force`: run stages that are up to date, too; `cache`: for files at URLs.
+    """
 
     name: str
     shown: str  # what it is called in tables
@@ -156,7 +160,20 @@ class Task:
 
 @dataclass(frozen=True)
 class RecordingOutcome:
-    """Outcome of the run of one recording: exit code, failure, verdicts, losses and outputs."""
+    """Outcome of the run of one recording.
+
+    Attributes:
+        name: name of its run folder.
+        shown: the recording as shown to the user.
+        sha256: SHA-256 of the recording; empty: it could not be read.
+        code: exit code.
+        stage, message: name of the failed stage, and the reason; empty: none failed.
+        verdicts: consistency verdicts of all stages.
+        losses: input that was lost.
+        outputs: files of the run folder that are valid for this recording and configuration.
+        redone: whether a stage had to run, since it was not up to date.
+        seconds, cpu_seconds: elapsed time, and processor time of the process that ran it [s].
+    """
 
     name: str
     shown: str
@@ -183,13 +200,13 @@ class RecordingOutcome:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the results, each with its stage."""
+        """Warnings about the results as text, each with its stage and id."""
         failed = ((stage, check) for stage, check in found_by_stage(self.verdicts) if check.status == "failed")
         return tuple(f"{stage}: {check.id}: {check.text}" for stage, check in failed)
 
 
 def process(task: Task) -> RecordingOutcome:
-    """Run the stages of a recording that are not up to date."""
+    """Run the stages of a recording that are not up to date; return the outcome, in which failures are recorded."""
     begin, used = time.perf_counter(), time.process_time()
     # What stages state about losses and warnings is in the outcome
     with hidden("matplotlibrc"), redirect_stderr(io.StringIO()):
@@ -198,7 +215,7 @@ def process(task: Task) -> RecordingOutcome:
 
 
 class _Run:
-    """Run of a recording, in its current state."""
+    """Run of one recording of a batch, with its current stage for messages."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
@@ -246,7 +263,7 @@ class _Run:
         return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
     def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
-        """Return the outcome `found` with the error in one line, without local folders."""
+        """Return the outcome `found` with an error as one line of text, with names instead of local folders."""
         text, code, _ = explain(error)
         for path, name in self._names.items():
             for each in {path, " ".join(path.split())} - {"/"}:

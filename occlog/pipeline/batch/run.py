@@ -48,10 +48,10 @@ WHOLE = "the whole recording"
 
 @dataclass(frozen=True)
 class DatasetTables:
-    """Output tables over all recordings.
+    """Tables over all recordings of a batch that were written.
 
     Attributes:
-        rows: number of rows by the name of the table.
+        rows: number of rows of each table, by name.
         losses: tables that could not be made, and why.
     """
 
@@ -62,13 +62,13 @@ class DatasetTables:
 def gather(
     folder: Path, runs: Path, outcomes: Sequence[RecordingOutcome], tables: Sequence[str], config: Config
 ) -> DatasetTables:
-    """Write the tables over all recordings, replacing older ones.
+    """Write the tables over all recordings: outcomes, metrics, and joined tables. Older files are replaced.
 
     Args:
-        folder: of the batch.
+        folder: folder of the batch.
         runs: folder of the run folders.
-        outcomes: of all recordings, in the order of rows.
-        tables: names of those that are joined, e.g. `tracks`.
+        outcomes: outcomes of all recordings, in the order of rows.
+        tables: names of the tables to join, e.g. `tracks`.
         config: the configuration of every run.
     """
     provenance = _provenance(outcomes, tables, config)
@@ -89,9 +89,10 @@ def gather(
 
 
 def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
-    """Return the losses of all recordings: of a failed one all of it, of many losses the first ones and their number.
+    """Return the data losses of all recordings; a failed recording is lost as a whole.
 
-    The table of runs has all losses; file metadata cannot hold millions.
+    Of many losses of a recording only the first ones and the number of the others are listed (the table of runs has
+    all), since file metadata cannot hold millions.
     """
     found = []
     for each in outcomes:
@@ -121,7 +122,7 @@ def _provenance(outcomes: Sequence[RecordingOutcome], tables: Sequence[str], con
 
 
 def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
-    """Return the verdicts of all recordings as one check, with those that are implausible."""
+    """Return the verdicts of all recordings as one check of the batch, which warns of each implausible one."""
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
@@ -153,9 +154,9 @@ def _row(each: RecordingOutcome) -> dict[str, object]:
 
 
 def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[str, object]]:
-    """Generate a row (recording, file, name, value) for each figure of the evaluations; None for unknown values.
+    """Generate a row (recording, file, name, value) for each metric of each recording; the value may be None.
 
-    `runs`: folder with the runs.
+    `runs`: folder of the run folders.
     """
     for each in outcomes:
         for file in METRICS_FILES:
@@ -179,13 +180,13 @@ class BatchRequest:
 
     Attributes:
         config: file of the configuration.
-        recordings: files and patterns.
+        recordings: files, patterns and URLs.
         output: folder of the batch, or its URL.
         tables: names of tables that are joined over all recordings.
-        workers: processes of this machine.
-        scheduler: what does the work instead of these; None: nothing.
-        jobs: settings of jobs, where the scheduler makes them.
-        force: do every stage.
+        workers: number of local processes.
+        scheduler: address or name of the cluster to use instead; None: local processes.
+        jobs: settings of jobs, for schedulers that run jobs.
+        force: run every stage, also if up to date.
         cache: keeps files fetched from URLs.
     """
 
@@ -205,9 +206,9 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
 
     Args:
         request: options.
-        strict: true: exit code 6 if tracks of a recording are not plausible.
-        quiet: true: no progress and no notes.
-        as_json: true: print the summary as JSON.
+        strict: exit code 6 if the tracks of a recording are not plausible.
+        quiet: no progress and no notes.
+        as_json: print the summary as JSON.
     """
     for name in request.tables:
         if name not in TABLES:
@@ -240,7 +241,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
 
 
 def _check_config(config: Config) -> None:
-    """Check the configuration before any recording is opened."""
+    """Check keys and settings of the configuration before any recording is opened; UsageError for invalid ones."""
     # What a recording holds is not known yet; the video that is drawn on depends on it
     values = {key: value for key, value in config.values.items() if key != OVERLAY}
     unknown = replace(config, values={**values, "recording": "recording.mcap"})
@@ -249,7 +250,7 @@ def _check_config(config: Config) -> None:
 
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
-    """UsageError for locations in the memory of this process, if other processes are to work on them."""
+    """Raise UsageError for URLs in the memory of this process, if other processes are to work on them."""
     here = [
         p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
     ]
@@ -262,11 +263,11 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
 def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[BatchRecording], folder: str, quiet: bool
 ) -> list[RecordingOutcome]:
-    """Run all recordings, and return their outcomes in order.
+    """Run all recordings on an executor, and return their outcomes in the order of `sources`.
 
     Args:
         request: workers, scheduler, whether to redo runs.
-        config: of the runs.
+        config: configuration of the runs.
         sources: recordings; those with a fault are not run.
         folder: path or URL of the batch.
         quiet: show no progress.
@@ -298,7 +299,7 @@ def _outcomes(
 
 
 def _refused(source: BatchRecording) -> RecordingOutcome:
-    """Return the outcome of a recording that is not attempted."""
+    """Return the outcome of a recording that is not run, because of its fault."""
     message = in_line(f"{source.shown}: {source.fault}")
     return RecordingOutcome(
         source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True
@@ -306,13 +307,13 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
 
 
 def _fetch_collected(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
-    """Download the files needed for the tables over all recordings.
+    """Download the files of all runs that are needed for the tables over all recordings.
 
     Args:
         location: URL of the batch.
         runs: local folder, with a subfolder for each run.
-        outcomes: of the recordings.
-        results: names of result tables that are gathered.
+        outcomes: outcomes of the recordings.
+        results: names of the tables over all recordings.
     """
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
@@ -320,7 +321,7 @@ def _fetch_collected(location: str, runs: Path, outcomes: Sequence[RecordingOutc
 
 
 def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
-    """Return the exit code: 3 if recordings failed or anything was lost; that of the first if all failed.
+    """Return the exit code of a batch: 3 if recordings failed or data was lost; that of the first if all failed.
 
     `lost`: whether a table over all recordings could not be made.
     """
@@ -331,7 +332,7 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 
 def _from_here(source: BatchRecording) -> str:
-    """Return the command argument that names a recording, of which tables have the name only."""
+    """Return the name of a recording as an argument of a command: relative to the current folder, or the URL."""
     if is_url(source.location):
         return source.shown
     path, here = Path(source.location), Path.cwd()
@@ -339,9 +340,12 @@ def _from_here(source: BatchRecording) -> str:
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
-    """Write failed, lossy and implausible recordings to standard error; `quiet`: no warnings about the last.
+    """Write failed, lossy and implausible recordings to standard error, a line each.
 
-    `sources`: the recordings of the outcomes, in the same order.
+    Args:
+        outcomes: outcomes of all recordings.
+        sources: the recordings, in the same order.
+        quiet: no warnings about implausible ones.
     """
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:MAX_REPORTED]:

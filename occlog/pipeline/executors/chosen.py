@@ -16,14 +16,14 @@ from .processes import Processes
 def executor_of(
     workers: int, scheduler: str | None, jobs: Mapping[str, str], folder: Path | None, *, isolated: bool = False
 ) -> Executor:
-    """Create the executor.
+    """Return the executor that the options of a command select.
 
     Args:
-        workers: processes of this machine.
-        scheduler: the replacement; None: nothing.
-        jobs: settings of jobs.
-        folder: for scripts and logs of jobs, where their settings name none; None: missing.
-        isolated: true: one worker is a separate process too, which may die without harm.
+        workers: number of local processes.
+        scheduler: address or name of a cluster to use instead; None: local processes.
+        jobs: settings of jobs, for schedulers that run jobs.
+        folder: for scripts and logs of jobs, unless their settings name one; None: none.
+        isolated: whether a single worker is a separate process too, so that it may die without harm.
 
     Raises:
         UsageError: jobs have no folder.

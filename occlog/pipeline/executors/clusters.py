@@ -34,15 +34,17 @@ class DaskCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate key and result of each task as it ends; `Lost` if its workers died as often as Dask allows, twice.
+        """Generate key and result of each task as it ends.
 
-        The second time it runs alone, since Dask blames every task that waited at a dead worker.
+        `Lost` if its workers died as often as Dask allows, twice. The second time it runs alone, since Dask blames
+        every task that waited at a dead worker.
 
         Args:
             todo: tasks by key.
             work: function of a task.
 
-        UsageError if Dask is not installed, or the scheduler does not answer.
+        Raises:
+            UsageError: Dask is not installed, or the scheduler does not answer.
         """
         try:
             import distributed
@@ -77,11 +79,11 @@ class DaskCluster:
     def _submitted(
         self, library: Any, client: Any, todo: Mapping[str, T], work: Callable[[T], R]
     ) -> Iterator[tuple[str, R | Lost]]:
-        """Generate key and result of each of the tasks `todo`, submitted together.
+        """Generate key and result of each of the tasks `todo`, which are submitted together.
 
         Args:
             library: the module `distributed`.
-            client: of the scheduler.
+            client: client of the scheduler.
             todo: tasks by key.
             work: function of a task.
 
@@ -114,7 +116,7 @@ class DaskCluster:
 
 
 async def _greet(library: Any, address: str) -> None:
-    """Connect to the Dask scheduler at `address` and close; OSError if it does not answer in Dask's timeout.
+    """Connect to the Dask scheduler at `address` and close; OSError if it does not answer in time.
 
     `library`: the module `distributed`.
     """
@@ -125,7 +127,7 @@ async def _greet(library: Any, address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Context manager: silence all logs inside, thus Dask's about its connections."""
+    """Context manager that silences all logging, such as that of Dask about its connections."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -135,7 +137,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _in_turn(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Return work(piece), exclusively among the threads of this worker; InputError for another `version` of occlog."""
+    """Return work(piece), one at a time among the threads of this worker; InputError for another version of occlog."""
     with _ONE_AT_A_TIME:
         return done_alike(version, work, piece)
 
@@ -154,7 +156,8 @@ class RayCluster:
             todo: tasks by key.
             work: function of a task.
 
-        UsageError if Ray is not installed, or the scheduler does not answer.
+        Raises:
+            UsageError: Ray is not installed, or the scheduler does not answer.
         """
         try:
             import ray
@@ -197,7 +200,10 @@ POLL_S = 10.0
 
 
 class Jobs:
-    """Jobs that share the tasks; each runs its tasks one after another, in subprocesses."""
+    """Executor on a batch system: tasks are divided among jobs.
+
+    Each runs its tasks one after another, in subprocesses.
+    """
 
     def __init__(self, cluster: str, folder: Path, settings: Mapping[str, str]) -> None:
         """Configure jobs on a cluster.
@@ -275,5 +281,12 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Return key and result work(piece) of the `pieces` of a job, run in subprocesses: a crash does not end the job."""
+    """Return key and result of each task of a job, or `Lost` for a task that crashed.
+
+    Tasks run one after the other in a subprocess, so that a crash does not end the job.
+
+    Args:
+        work: function of a task.
+        pieces: (key, task) of each task.
+    """
     return list(Processes(1).outcomes(dict(pieces), work))

@@ -13,17 +13,17 @@ R = TypeVar("R")
 
 
 class Lost(NamedTuple):
-    """Placeholder for the result of a task with a worker that died.
+    """Placeholder for the result of a task that was lost because its worker died.
 
     Attributes:
-        reason: description of the end.
+        reason: end of the worker, in words.
     """
 
     reason: str
 
 
 class Executor(Protocol):
-    """Runs tasks in any order, possibly in parallel."""
+    """Interface of executors, which run independent tasks in any order, possibly in parallel."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
         """Generate key and result of every task, in the order in which they finish.
@@ -40,7 +40,7 @@ class Executor(Protocol):
 
 
 def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Return work(piece) on a worker; InputError if its occlog is not of this `version`."""
+    """Return work(piece) on a worker; InputError if the worker's occlog has another version than `version`."""
     if version != __version__:
         raise InputError(
             f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
@@ -52,6 +52,6 @@ class InThisProcess:
     """Executor that runs one task after another in this process."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate key and result work(piece) of each piece in `todo`, in their order, run in this process."""
+        """Generate key and result work(piece) of each task in `todo` (by key), in their order, run in this process."""
         for key, piece in todo.items():
             yield key, work(piece)

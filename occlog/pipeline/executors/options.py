@@ -41,7 +41,10 @@ def scheduler_options(command: F) -> F:
 
 
 def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:
-    """Return the settings in the `texts` NAME=VALUE of `--job`; UsageError if invalid, or without job scheduler."""
+    """Return the settings of jobs given as texts NAME=VALUE (`--job`).
+
+    UsageError if one is invalid, or the scheduler does not run jobs.
+    """
     if texts and scheduler not in JOB_CLUSTERS:
         raise UsageError(
             f"--job {texts[0]}: only goes with --scheduler {' or '.join(JOB_CLUSTERS)}", id="not-applicable"

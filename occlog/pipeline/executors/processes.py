@@ -27,7 +27,7 @@ DIED = "its process died (out of memory, killed, or a crash of a library)"
 
 
 class Processes:
-    """Executor with new processes, which inherit no state of this one."""
+    """Executor with new local processes of one thread each, which inherit no state of this one."""
 
     def __init__(self, workers: int) -> None:
         """Use the number `workers` of processes, at least 1."""
@@ -36,7 +36,7 @@ class Processes:
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
         """Generate key and result of each task as it ends.
 
-        `Lost` for a task with a process that died twice, the second time alone in it.
+        `Lost` for a task with a process that died twice, the second time with this task alone.
 
         Args:
             todo: tasks by key.
@@ -66,7 +66,10 @@ class _Pool(Generic[T, R]):
         self._workers, self._work = workers, work
 
     def outcomes(self, todo: Mapping[str, T]) -> Iterator[tuple[str, R]]:
-        """Generate key and result of the tasks `todo` as they end; incomplete if a process dies."""
+        """Generate key and result of each of the tasks `todo` as it ends.
+
+        Incomplete if a process dies (see `under_way`).
+        """
         waiting = iter(list(todo.items()))
         running: dict[Future[R], str] = {}
         with _one_thread_each():
@@ -114,7 +117,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _leave_with_parent() -> None:
-    """End this worker when its parent has ended; Ctrl-C is handled by the parent only."""
+    """Let this worker ignore Ctrl-C, which the parent handles, and end it when its parent has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is None:

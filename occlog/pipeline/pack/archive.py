@@ -38,8 +38,8 @@ class PackedFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A file of a packed run.
 
     Attributes:
-        path: its name below the folder of inputs, or the run folder.
-        sha256: of its bytes.
+        path: its name, relative to the folder of inputs or to the run folder.
+        sha256: SHA-256 of its content.
         bytes: its size.
         included: whether it is in the archive.
     """
@@ -55,15 +55,14 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         occlog_pack: version of this format.
-        version: of occlog.
-        versions: of Python and of packages, by name.
+        version: version of occlog.
+        versions: versions of Python and of packages, by name.
         config: name of the configuration among the inputs.
-        folder: where the run folder lies among the inputs: a recording that `ingest` made states it where its videos
-            are.
-        inputs: the configuration, and all that it names.
-        outputs: what the run made.
+        folder: path of the run folder among the inputs; a recording made by `ingest` refers to its videos from there.
+        inputs: the configuration, and all files that it names.
+        outputs: files that the run made.
         stages: exit code of each stage.
-        processor: type of the processor that it was packed on; empty: not known.
+        processor: type of the processor that it was packed on; empty: unknown.
     """
 
     occlog_pack: Annotated[int, msgspec.Meta(ge=1, le=1)]
@@ -77,7 +76,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     processor: str = ""
 
     def members(self) -> dict[str, PackedFile]:
-        """Files of the archive by their names in it."""
+        """Return the files in the archive by their names in it."""
         inputs = {f"{INPUTS}/{file.path}": file for file in self.inputs if file.included}
         return inputs | {f"{OUTPUTS}/{file.path}": file for file in self.outputs}
 
@@ -89,9 +88,9 @@ def manifest_bytes(manifest: Manifest) -> bytes:
 
 
 def read_manifest(data: bytes, where: str) -> Manifest:
-    """Parse the content of `pack.json`; `where`: name of the archive in messages.
+    """Parse the content of `pack.json`; InputError for other content, and for names that lead out of their folders.
 
-    InputError for other content, and for names outside of their folders.
+    `where`: name of the archive in messages.
     """
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
@@ -111,7 +110,7 @@ def read_manifest(data: bytes, where: str) -> Manifest:
 
 
 def check_names(manifest: Manifest, where: str, so: str) -> None:
-    """InputError for invalid names in a manifest, or two that some systems treat as one.
+    """Raise InputError for invalid names in a manifest, or two that some systems treat as one.
 
     Args:
         manifest: the manifest.
@@ -138,7 +137,7 @@ def key_of_name(name: str) -> str:
 
 
 def check_name(name: str, where: str, so: str) -> None:
-    """InputError for a name that leads out of its folder, or that other programs misread.
+    """Raise InputError for a name of a file that leads out of its folder, or that other programs misread.
 
     Colons are allowed: names of recordings with a time contain them. `where`: archive or folder, begin of the message;
     `so`: its end.
@@ -234,9 +233,9 @@ def _guarded(path: Path) -> Iterator[None]:
 
 
 def unpack(path: Path, folder: Path) -> Manifest:
-    """Write the files of an archive into an empty folder.
+    """Write the files of an archive into an empty folder; return its manifest.
 
-    Nothing is written but regular files below `folder`, with names, sizes and digests as in the manifest.
+    Nothing is written but regular files below `folder`, with names, sizes and hashes as in the manifest.
 
     Args:
         path: the archive.
@@ -275,7 +274,10 @@ def unpack(path: Path, folder: Path) -> Manifest:
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """Return the members of an archive by name; InputError for any that is no plain file inside it."""
+    """Return the members of an archive by name.
+
+    InputError for one that is no plain file, or if they exceed the limits.
+    """
     infos = archive.infolist()
     if len(infos) > MAX_FILES:
         raise InputError(
@@ -325,7 +327,7 @@ def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Pat
 def _copy(
     source: IO[bytes], target: Path, entry: PackedFile, where: str, remedy: str = "copy the archive again"
 ) -> None:
-    """Write an open file to the new path `target`.
+    """Write an open file to the new path `target`, and check its size and hash.
 
     Args:
         source: binary file.
@@ -348,7 +350,7 @@ def _copy(
 
 
 def take(source: Path, target: Path, entry: PackedFile) -> None:
-    """Copy an input that is not in the archive to `target`; InputError unless it is as the manifest's entry states."""
+    """Copy an input that is not in the archive to `target`; InputError unless size and SHA-256 are as in `entry`."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
         _copy(file, target, entry, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")

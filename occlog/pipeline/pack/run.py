@@ -39,18 +39,18 @@ class Packed(NamedTuple):
 
 
 def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwrite: bool) -> Packed:
-    """Write the archive `output` atomically.
+    """Write the archive of a run folder, atomically; return its manifest and size.
 
     Args:
-        folder: run folder, in which every stage is as `config` makes it now.
-        config: configuration of the run; what it names has to be named by relative paths.
+        folder: run folder, in which every stage must be up to date with `config`.
+        config: configuration of the run, with relative paths.
         output: the archive to write.
-        include: inputs are in the archive, not only their hashes.
-        overwrite: replace a file that exists.
+        include: whether the inputs are in the archive, or only their hashes.
+        overwrite: replace an existing file.
 
     Raises:
         UsageError: `folder` is not a run folder.
-        InputError: a stage is not up to date, a path in the configuration is absolute, or `verify` would not take the
+        InputError: a stage is not up to date, a path in the configuration is absolute, or `verify` would not accept the
             archive: for a name of a file, or for their number.
     """
     if not (folder / STATE).is_file():
@@ -107,9 +107,9 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 
 
 def inputs_of(config: Config, folder: Path) -> list[Path]:
-    """Return absolute paths of the configuration, and of the files that stages read and none makes.
+    """Return absolute paths of the configuration, and of the files that its stages read and none makes.
 
-    `folder`: of the run; files in it are left out.
+    `folder`: run folder; files in it are left out.
     """
     path = config.path.parent.resolve() / config.path.name
     found, own = {path: None}, folder.resolve()
@@ -126,7 +126,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
 
 
 def _check_relative(config: Config) -> None:
-    """InputError for a file named by an absolute path, which differs on another machine."""
+    """Raise InputError for an absolute path in the configuration, which differs on another machine."""
     for text in _texts(config.values):
         if any(path.is_absolute() for path in places_of(text)):
             raise InputError(
@@ -136,7 +136,7 @@ def _check_relative(config: Config) -> None:
 
 
 def _check_unpackable(manifest: Manifest, folder: Path) -> None:
-    """InputError for names, or a number of files, that `unpack` would refuse; `folder`: the run, for messages."""
+    """Raise InputError for names, or a number of files, that `unpack` would refuse; `folder`: the run, for messages."""
     check_names(manifest, str(folder), "rename it, run again, and pack")
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:

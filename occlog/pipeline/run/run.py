@@ -43,7 +43,11 @@ WAITING = "would run"
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """Outcome of a stage, as `run.json` stores it: key of its inputs and settings, exit code, hashes of its outputs."""
+    """Outcome of a stage, as `run.json` stores it.
+
+    `key`: hash of everything that its outputs depend on (settings, inputs, program); `code`: exit code; `outputs`: hash
+    of each output, by path in the run folder.
+    """
 
     key: str  # hash of everything that the outputs depend on
     code: int
@@ -51,7 +55,11 @@ class StageOutcome:
 
 
 class StageStep(NamedTuple):
-    """Report on one stage of a run: what was done, exit code and outputs."""
+    """Report on one stage of a run.
+
+    `what`: `up to date`, `would run` or `done`; `code`: exit code; `outputs`: paths in the run folder, empty if it
+    failed.
+    """
 
     stage: str
     what: str  # "up to date", `WAITING` or "done"
@@ -91,12 +99,12 @@ def run_stages(
     Args:
         config: file of the configuration; its paths are relative to its folder.
         output: run folder.
-        force: true: run every stage.
-        dry_run: true: only report which stages would run.
-        strict: true: exit code 6 if a stage states that its results are not plausible.
-        quiet: true: no notes.
-        as_json: true: print the summary as JSON.
-        noted: stages with notes that are printed: what they took their inputs for.
+        force: run every stage.
+        dry_run: only report which stages would run.
+        strict: exit code 6 if a stage finds its results implausible.
+        quiet: no notes.
+        as_json: print the summary as JSON.
+        noted: names of stages with notes that are printed.
     """
     wanted = read_config(config)
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
@@ -138,18 +146,18 @@ def do_stages(
     begin: Callable[[str], None],
     noted: Collection[str] = (),
 ) -> Iterator[StageStep]:
-    """Run the stages of a configuration that are not up to date, in order, until one fails.
+    """Run the stages of a configuration that are not up to date, in order, until one fails; generate a report on each.
 
     Args:
         wanted: the configuration; its paths are relative to its folder.
         output: run folder; made if missing.
-        force: true: do every stage.
-        dry_run: true: only report which stages would run.
-        begin: called with the name of each stage that is done, before it is.
-        noted: stages with notes that are printed.
+        force: run every stage.
+        dry_run: only report which stages would run.
+        begin: called with the name of each stage before it runs.
+        noted: names of stages with notes that are printed.
 
     Raises:
-        OcclogError, click.ClickException: what a stage refuses, or another command does stages in that folder.
+        OcclogError, click.ClickException: a stage fails, or another command works in that folder.
     """
     folder = _folder(output, dry_run)
     with nullcontext() if dry_run else alone_with(folder, "run", PATIENCE):
@@ -163,11 +171,11 @@ def _stages(
 
     Args:
         wanted: the configuration.
-        folder: of the run.
-        force: redo stages that are up to date.
-        dry_run: run none, report which would be run.
+        folder: folder of the run.
+        force: run stages that are up to date, too.
+        dry_run: run none, report which would run.
         begin: called with the name of a stage before it runs.
-        noted: names of stages whose notes are printed.
+        noted: names of stages with notes that are printed.
     """
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
@@ -215,7 +223,7 @@ def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[
 
 
 def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
-    """Remove unchanged outputs of an older outcome of a stage, except those whose names are in `made`."""
+    """Delete the unchanged outputs of an older outcome of a stage, except those with names in `made`."""
     for file, digest in older.outputs.items():
         path = folder / file
         if file not in made and path.is_file() and hash_file(path) == digest:
@@ -227,12 +235,12 @@ def _note_begin(stage: str, quiet: bool) -> None:
 
 
 def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
-    """Verdicts stored in the outputs of a run, without duplicates, in the order of the stages."""
+    """Return the consistency verdicts in the outputs of a run, without duplicates, in the order of stages."""
     return distinct(verdict for file in files for verdict in verdicts_of_file(file))
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """Return the losses recorded in the Parquet tables among `files`, without duplicates."""
+    """Return the data losses recorded in the Parquet tables among `files`, without duplicates."""
     return previous_losses(file for file in files if file.suffix == ".parquet")
 
 
@@ -280,7 +288,7 @@ def _folder(output: Path, dry_run: bool) -> Path:
 
 @contextmanager
 def inside(folder: Path) -> Iterator[None]:
-    """Context manager: work inside a folder, since paths in a configuration are relative to it."""
+    """Context manager that sets the current folder, since paths in a configuration are relative to it."""
     before = Path.cwd()
     os.chdir(folder)
     try:
@@ -295,9 +303,14 @@ def _do(stage: RunStage) -> int:
 
 
 def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
-    """Return the hash of all that the stage's outputs depend on: program, arguments, and content of the inputs.
+    """Return the hash of all that a stage's outputs depend on: program and packages, values, and content of the inputs.
 
-    Files are identified by name (relative path within a folder) and content, so that a run may be moved.
+    Files are identified by name (relative path within a folder) and content, so that a run folder may be moved.
+
+    Args:
+        stage: the stage.
+        folder: folder of the run.
+        digests: cache of hashes of files.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
     for text in stage.texts():
@@ -325,7 +338,7 @@ def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
 
 
 def outcomes(folder: Path) -> dict[str, StageOutcome]:
-    """Return the outcomes of stages by name, from the state of a run folder; empty for an empty folder.
+    """Return the outcomes of finished stages by name, from `run.json` of a run folder; empty for an empty folder.
 
     Raises:
         UsageError: it is not a run folder.
@@ -352,7 +365,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
 
 
 def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
-    """Whether the state of a stage is valid: all its outputs are in the run folder."""
+    """Return whether the stored outcome of a stage is valid: types, exit code, and outputs inside the run folder."""
     texts = [outcome.key, *outcome.outputs.keys(), *outcome.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)
@@ -363,7 +376,7 @@ def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Return text on packages with other versions than those that made a run folder; empty if equal or unknown."""
+    """Return text on packages with other versions now than when a run folder was made; empty if equal or unknown."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):
@@ -374,7 +387,7 @@ def other_versions(folder: Path) -> str:
 
 
 def drop_empty(folder: Path) -> None:
-    """Delete a run folder in which no stage has ever finished; one with a part of the first stage is kept."""
+    """Delete a run folder in which no stage has ever finished; a folder with other files is kept."""
     if [path.name for path in folder.glob("*")] == [STATE] and not outcomes(folder):
         (folder / STATE).unlink()
     with suppress(OSError):  # it holds something, or is not there

@@ -39,13 +39,13 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 @dataclass(frozen=True)
 class RunStage:
-    """Request that is made from the keys of a stage in a configuration.
+    """A stage of a run: the request of a command, made from the keys of a configuration.
 
     Attributes:
-        name: of the stage.
-        form: of the request.
-        values: by key, as in the configuration; outputs included.
-        output_paths: those of the values that are outputs.
+        name: name of the stage.
+        form: fields and settings of the request.
+        values: by key, as in the configuration, inputs and outputs included.
+        output_paths: those of the values that are paths of outputs.
     """
 
     name: str
@@ -54,7 +54,7 @@ class RunStage:
     output_paths: tuple[str, ...]
 
     def texts(self) -> list[str]:
-        """Parameters of the outputs as text: names of all values, and each value or its items."""
+        """Return the values of the stage as texts, for its hash and files: each key, then its value or items."""
         return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
 
     def keys(self) -> list[str]:
@@ -68,22 +68,22 @@ class RunStage:
         return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
 
     def without_key(self, name: str) -> bool:
-        """Whether a name is that of a setting without its own key, given under `set`."""
+        """Return whether a name is that of a setting without a key of its own, to be given under `set`."""
         return any(name == f.name for of in self._free() for f in declared(of))
 
     def check(self) -> None:
-        """Parse all values as the request does.
+        """Parse all values as the request does, without running it.
 
         Raises:
-            UsageError: an invalid value; it names the key.
+            UsageError: an invalid value; the message names its key.
         """
         self._chosen_reader()
         self._request()
 
     def do(self, *, quiet: bool = True) -> int:
-        """Run the request without printing its summary; return the exit code.
+        """Run the request without printing its summary; losses are printed. Return the exit code.
 
-        `quiet`: no notes either.
+        `quiet`: print no notes and no progress.
         """
         with ExitStack() as stack:
             kept = stack.enter_context(standard_input()) if STANDARD_INPUT in self.texts() else None
@@ -99,7 +99,10 @@ class RunStage:
         return exit_code(request, done, strict=self.values.get(STRICT) is True)
 
     def _request(self, kept: Path | None = None) -> Request:
-        """The request, with a file in place of standard input."""
+        """Return the request made from the values; UsageError for an invalid one.
+
+        `kept`: file that replaces standard input (`-`); None: it stays.
+        """
         given = {entry.name: self._read(entry, kept) for entry in self.form.entries() if self._has(entry)}
         free, settings = self.form.set_group(), self._settings()
         with self._keys_in_errors():
@@ -114,7 +117,7 @@ class RunStage:
         return self.values.get(entry.key) is not None
 
     def _entries(self) -> Iterator[RequestEntry]:
-        """Generate the fields of the request, and settings of plug-ins that keys name."""
+        """Generate the fields of the request, then the settings of the plug-ins that its values name."""
         own = list(self.form.entries())
         named = [plugin for entry in own if entry.plugged is not None for plugin in self._plugins(entry)]
         if (reader := self._reader()) is not None:
@@ -182,7 +185,10 @@ class RunStage:
 
     @contextmanager
     def _keys_in_errors(self) -> Iterator[None]:
-        """Context manager: name the key in the error of a setting; errors without a key are unchanged."""
+        """Context manager that puts the key of the configuration into errors of a setting.
+
+        Other errors are unchanged.
+        """
         try:
             yield
         except SettingError as error:
@@ -204,7 +210,7 @@ class _Plugged(Request):
 
 
 def form_of_plugin(plugin: Plugin) -> Form:
-    """Form of a plug-in: its settings by name."""
+    """Return the form of a plug-in's settings, with which their keys are parsed."""
     return Form(_Plugged, settings={"own": plugin.load().settings}, under={"own": plugin.name})
 
 
@@ -221,7 +227,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
-    """Return the YAML value of a setting in its type; UsageError, which names the key, if invalid."""
+    """Return the YAML value of a setting in its type and own unit; UsageError, which names the key, if invalid."""
     spec, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
@@ -240,11 +246,11 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """Return the path that a value names, or the number that may replace it.
+    """Return the path that a value names, or the number that the field accepts instead.
 
     Args:
         entry: field of the request.
-        value: of the key.
+        value: value of its key.
         kept: file that replaces standard input (`-`); None: it stays.
     """
     text = ",".join(map(str, listed(value)))
@@ -263,7 +269,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
 
 def listed(value: object) -> list[object]:
-    """Return the items of a value: `key=value` for a mapping, one item for a single value."""
+    """Return the items of a value as a list: texts `key=value` for a mapping, one item for a single value."""
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -273,17 +279,17 @@ NETWORK = ".onnx"
 
 
 def places_of(argument: str) -> list[Path]:
-    """Existing paths that an argument may mean: the whole of it, and the part after `NAME=`."""
+    """Return the existing paths that a text may mean: the whole of it, and the part after `NAME=`."""
     texts = dict.fromkeys((argument, argument.split("=", 1)[-1]))
     # A title may be longer than any name of a file, of which Path.exists would complain
     return [Path(text) for text in texts if text and os.path.exists(text)]  # noqa: PTH110
 
 
 def files_of(argument: str) -> list[Path]:
-    """Files that an argument names, with the files that are read along with them.
+    """Return the files that a text names, with files that are read along with them.
 
-    For a recording also the linked videos, for a network its weights, for folders with labels their class names; for a
-    folder all its files.
+    Of a folder these are all its files. Files read along are the linked videos of a recording, the weights of a
+    network, and the class names of a folder with labels.
     """
     found: dict[Path, None] = {}
     for path in places_of(argument):

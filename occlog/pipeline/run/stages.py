@@ -51,14 +51,21 @@ KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 @dataclass(frozen=True)
 class Config:
-    """A run configuration: file, keys, and the line of each value."""
+    """A run configuration.
+
+    `path`: its file; `values`: content by key; `lines`: line of each value in the file, by path of keys such as
+    `$.track.method`.
+    """
 
     path: Path
     values: dict[str, object]
     lines: Mapping[str, int] = field(default_factory=dict)
 
     def at(self, *keys: str) -> str:
-        """Name of a key for messages, with file and line: `run.yaml: line 5: track.particles`."""
+        """Return the name of a key for messages, with file and line: `run.yaml: line 5: track.particles`.
+
+        `keys`: path to it.
+        """
         for length in range(len(keys), 0, -1):
             line = self.lines.get(".".join(("$", *keys[:length])))
             if line is not None:
@@ -66,7 +73,7 @@ class Config:
         return f"{self.path}: {'.'.join(keys)}"
 
     def stage(self, name: str) -> dict[str, object]:
-        """Keys of a stage; empty if the configuration does not name the stage."""
+        """Return the keys and values of a stage; empty if the configuration does not have it."""
         values = self.values.get(name)
         return dict(values) if isinstance(values, dict) else {}
 
@@ -76,7 +83,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
 
     Args:
         path: the file.
-        sources: keys of which it must have exactly one; none: it must have no source of recordings.
+        sources: keys of which it must have exactly one; empty: it must have no source of recordings.
     """
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
@@ -113,7 +120,7 @@ def check_settings(config: Config, stage: RunStage) -> None:
 
 @contextmanager
 def refused_in(config: Config, stage: str) -> Iterator[None]:
-    """Context manager: convert errors of a stage to InputError with the line of the value in the configuration."""
+    """Context manager that converts errors of a stage to InputError with the line of the value in the configuration."""
     spelling = SPELLING.set(str)
     try:
         yield
@@ -137,16 +144,19 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
 
 
 def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
-    """Return the name of a stage's key (`keys`: path to it) for messages, or of the top-level key in its stead."""
+    """Return the name of a key for messages: of the stage, or at top level if only that is given.
+
+    `keys`: path to it.
+    """
     whole = keys[0] in config.values and keys[0] not in config.stage(stage)
     return config.at(*keys) if whole else config.at(stage, *keys)
 
 
 def plan(config: Config, folder: Path) -> Iterator[RunStage]:
-    """Generate the stages in order, with outputs in the run folder.
+    """Generate the stages of a configuration in order, with outputs in the run folder.
 
-    The arguments of later stages depend on the content of the recording, so that the first stage must have run before
-    the iteration continues; without a recording the configuration determines its content.
+    Which stages follow depends on the content of the recording, so that a stage must have run before the iteration
+    continues; without a recording the configuration determines its content.
     """
     method = str(config.stage("track").get("method"))
     if method in METHODS and METHODS[method].takes_in == VIEW:
@@ -216,7 +226,7 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
 
 
 def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[RunStage]:
-    """Generate the stages for measurements in a table, or for directions in sound, which need no detection.
+    """Generate the stages for measurements in a table, or for sound, neither of which needs detection.
 
     Without a scene the positions of arrays are unknown: directions are the result. `out`: paths of tables by name.
     """
@@ -247,10 +257,10 @@ def _without_views(
 
     Args:
         config: the configuration.
-        folder: of the run.
+        folder: folder of the run.
         measured: the recording, or the table of measurements.
-        out: the outputs by name.
-        scene: key `scene`.
+        out: paths of the outputs by name.
+        scene: input `scene`, or empty.
     """
     if config.values.get("detect"):
         raise InputError(
@@ -275,7 +285,7 @@ def _without_views(
 
 
 def _has_views(config: Config, recording: Path) -> bool:
-    """Whether a recording holds images or boxes; without a recording by the configuration."""
+    """Return whether a recording holds images, boxes or bearings; if it does not exist yet, by the configuration."""
     if recording.is_file():
         try:
             opened = open_recording(recording)
@@ -286,14 +296,14 @@ def _has_views(config: Config, recording: Path) -> bool:
 
 
 def _measures(recording: McapRecording) -> bool:
-    """Whether a recording holds measurements of sensors other than cameras."""
+    """Return whether a recording holds measurements other than those of cameras: directions, tag reads, ranges."""
     return any(recording.has(table) for table in (Doa, Reads, Measurements))
 
 
 def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> tuple[Config, dict[str, Path]]:
-    """Return the configuration without the key for particles, and the outputs of `track` with their table.
+    """Return the configuration without the key for particles, and the outputs of `track`, with particles if true.
 
-    `tracked`: outputs of `track` so far; the table is added in a copy if the key is true. InputError for other values.
+    `tracked`: outputs of `track` so far (not changed). InputError for a value that is neither true nor false.
     """
     values = config.stage("track")
     asked = values.pop(PARTICLES, False)
@@ -312,14 +322,14 @@ def _overlay(
 ) -> Iterator[RunStage]:
     """Generate the stage that draws tracks over the video of the recording; none if disabled, or without video.
 
-    Args:
-        config: of the run.
-        folder: of the run.
-        recording: with the video.
-        tracks: table of tracks in images.
-        inputs: further inputs by key.
-
     InputError if it is configured, but there is no video.
+
+    Args:
+        config: configuration of the run.
+        folder: folder of the run.
+        recording: with the video.
+        tracks: table of tracks.
+        inputs: further inputs by key.
     """
     if config.values.get(OVERLAY) is False:
         return
@@ -332,7 +342,7 @@ def _overlay(
 
 
 def _of_all_targets(config: Config) -> bool:
-    """Whether people are tracked from boxes, rather than targets from bearings."""
+    """Return whether the method tracks all people from boxes, rather than targets from bearings."""
     method = str(config.stage("track").get("method"))
     if method not in METHODS or METHODS[method].takes_in != BOXES:
         return False
@@ -344,11 +354,11 @@ def _of_all_targets(config: Config) -> bool:
 def _all_people(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Generate the stages after detection if all people are tracked, in the world and in the images.
+    """Generate the stages after detection for methods that track all people on the ground and in the images.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         recording: the recording.
         out: paths of tables by name.
         scene: input `scene`, or empty.
@@ -381,14 +391,14 @@ def _all_people(
 
 
 def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes_in: str) -> Iterator[RunStage]:
-    """Generate the stages after detection if targets are tracked in the image of each camera.
+    """Generate the stages after detection for methods that track targets in the image of each camera.
 
     Args:
         config: the configuration.
-        folder: of the run.
+        folder: folder of the run.
         recording: with images, boxes or both.
         boxes: views of the stage `detect`, or the recording.
-        takes_in: what the method takes in.
+        takes_in: kind of input of the method.
     """
     method = str(config.stage("track").get("method"))
     known = [entry.key for entry in form_of_method(method).entries()]
@@ -410,7 +420,7 @@ def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes
 
 
 def _has_positions(config: Config, recording: Path) -> bool:
-    """Whether the recording holds positions on the ground; without a recording by the configuration.
+    """Return whether the recording holds positions on the ground; if it does not exist yet, by the configuration.
 
     Raises:
         InputError: it also holds images, in which people would have to be detected first.
@@ -426,7 +436,7 @@ def _has_positions(config: Config, recording: Path) -> bool:
 
 
 def _has_video(config: Config, recording: Path) -> bool:
-    """Whether the recording holds images; without a recording by the configuration."""
+    """Return whether the recording holds images; if it does not exist yet, by the configuration."""
     if recording.is_file():
         return bool(open_recording(recording).cameras)
     simulated, ingested = config.stage("simulate"), config.stage("ingest")
@@ -436,16 +446,17 @@ def _has_video(config: Config, recording: Path) -> bool:
 def _priors(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> tuple[RunStage, str]:
-    """Return the stage that estimates priors of moving occluders, and the file for `track` (hulls if available).
+    """Return the stage that estimates priors of moving occluders, and the path of its result for `track`.
+
+    The result is the table of hulls, if this source of priors makes one, else that of Gaussian priors. InputError for
+    an unknown source.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         recording: the recording.
         out: paths of tables by name.
         scene: input `scene`, or empty.
-
-    InputError for an unknown source of priors.
     """
     values = config.stage("priors")
     kind = values.get("source", "hull")
@@ -463,10 +474,12 @@ def _priors(
 
 
 def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
-    """Return the inputs `truth`, and `views` if there are true boxes; a file in the configuration has priority.
+    """Return the input `truth`, and `views` if there are true boxes, by key; empty without a truth.
+
+    A file in the configuration has priority over the recording.
 
     Args:
-        config: of the run.
+        config: configuration of the run.
         recording: may hold true positions or boxes.
         views: table of views.
     """
@@ -484,15 +497,15 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
 
 
 def _held(recording: Path) -> tuple[bool, bool]:
-    """Return whether a recording holds (true positions, true boxes)."""
+    """Return whether a recording holds true positions, and whether it holds true boxes."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
 
 
 def _images(config: Config, recording: Path) -> tuple[Config, dict[str, str]]:
-    """Add the report key that shows images of the recording, if it has some.
+    """Return the input `images` of the report if the recording has some, and the configuration.
 
-    `report: {images: false}` disables it.
+    `report: {images: false}` disables it; that key is then removed from the configuration.
     """
     values = config.stage("report")
     if values.get("images") is False:
@@ -559,9 +572,9 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
 
 
 def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the keys that a stage can have, over all kinds of its command that `values` (of the stage) leave open.
+    """Return the keys that a stage can have, over all kinds of its command that its `values` leave open.
 
-    Empty for a plug-in, which has its own.
+    Empty for a plug-in, which has keys of its own.
     """
     verb = load(COMMANDS["report" if stage == OVERLAY else stage].where)
     by: tuple[str, ...] = ()
@@ -582,11 +595,11 @@ def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:
-    """Return the form of a command's request, selected by the values of the configuration.
+    """Return the form of a command's request, of the kind that the values of the configuration select.
 
     Args:
-        verb: its request class or classes, as declared.
-        name: of the command, if several have one name.
+        verb: the request class or classes of the command.
+        name: name of the subcommand, if there are several.
         values: by key.
 
     Raises:

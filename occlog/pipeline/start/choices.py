@@ -51,11 +51,11 @@ ASKED = {
 
 
 class ChoiceLine(NamedTuple):
-    """A choice with its reason.
+    """A line about a choice of `occlog start`.
 
     Attributes:
         text: what was chosen, and why.
-        change: the option that changes it; "": none.
+        change: the option that changes it; empty: none.
     """
 
     text: str
@@ -68,14 +68,14 @@ class ChoiceLine(NamedTuple):
 
 @dataclass
 class Choices:
-    """A run configuration under construction.
+    """A run configuration under construction by `occlog start`.
 
     Attributes:
-        found: the files.
-        sources: as the user gave them.
-        given: keys that the user sets, by stage.
-        values: keys by stage; a key of the whole configuration has the stage "".
-        lines: the choices.
+        found: the files, with what they are; those that are not used are moved to its list of unused ones.
+        sources: files and folders as the user gave them.
+        given: keys and values that the user sets, by stage.
+        values: chosen keys and values by stage; a key of the whole configuration has the stage "".
+        lines: a line for each choice.
     """
 
     found: Survey
@@ -89,7 +89,7 @@ class Choices:
         self.lines.append(ChoiceLine(text, change))
 
     def has(self, stage: str, key: str) -> bool:
-        """Whether the user sets the key of the stage."""
+        """Return whether the user sets this key of the stage."""
         return key in self.given.get(stage, {})
 
     def put(self, stage: str, key: str, value: object) -> None:
@@ -97,7 +97,10 @@ class Choices:
         self.values.setdefault(stage, {})[key] = value
 
     def guess(self, stage: str, key: str, value: object, text: str) -> None:
-        """Set the key of the stage to `value` unless the user sets it; add the line `text` with the option for it."""
+        """Set a key of a stage to `value` unless the user sets it.
+
+        Add the line `text` with the option that changes it.
+        """
         if not self.has(stage, key):
             self.put(stage, key, value)
             self.say(text, f"--set {stage}{'.' if stage else ''}{key}=...")
@@ -111,9 +114,9 @@ class Choices:
         return shown(path, self.sources)
 
     def only(self, items: Sequence[Item], what: str) -> Item:
-        """Return the first of some items, a stated one before others; a line lists the others, which are not used.
+        """Return one of several items, preferably one of a kind that the user states.
 
-        `what`: words for the items in the line.
+        The others are dropped, each with a line. `what`: noun for the items in the line.
         """
         first, *others = sorted(items, key=lambda item: not item.stated)
         for other in others:
@@ -125,10 +128,12 @@ class Choices:
 
 
 def choose(made: Choices) -> None:
-    """Choose the source, the inputs and the method; unused files are marked.
+    """Choose source, inputs and method of the configuration by the kinds of files; unused files are marked.
+
+    `made` is changed in place.
 
     Raises:
-        InputError: nothing can be used, or something is needed that no file states; it names the option.
+        InputError: no file can be used, or something is needed that no file states; the message names the option.
     """
     found, sources = made.found, made.sources
     for item in found.of(FileKind.CONFIGURATION):
@@ -160,7 +165,7 @@ def _nothing(found: Survey) -> str:
 
 
 def _drop_thumbnails(made: Choices) -> None:
-    """Exclude folders of pictures that are not a camera's."""
+    """Drop folders of pictures that are no camera's, by their name or since they are next to videos."""
     videos = {item.path.parent for item in made.found.of(FileKind.VIDEO)}
     for item in made.found.of(FileKind.IMAGES):
         if item.stated:
@@ -172,7 +177,7 @@ def _drop_thumbnails(made: Choices) -> None:
 
 
 def _annotated(made: Choices) -> bool:
-    """Use annotated boxes as detector boxes if there are no others, with a note."""
+    """Use annotated boxes as detector boxes if there are no other measurements; return whether that was done."""
     both = [item for item in made.found.of(FileKind.TRUTH) if FileKind.BOXES in item.others]
     if not both or made.found.of(FileKind.DIRECTIONS, FileKind.READS, FileKind.TABLE):
         return False
@@ -288,7 +293,7 @@ def _of_cameras(made: Choices) -> None:
 
 
 def _put_positions(made: Choices) -> bool:
-    """Choose files of positions on the ground; return whether there are any."""
+    """Choose files of positions on the ground as inputs of `ingest`; return whether there are any."""
     items = made.found.of(FileKind.POSITIONS)
     for item in items:
         made.say(f"positions on the ground: {made.shown(item.path)}", f"--as {made.shown(item.path)}=truth")
@@ -309,7 +314,7 @@ def _times() -> set[str]:
 
 
 def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
-    """Set the image size for calibrations that do not state it, if all boxes have the same."""
+    """Set the image size, for calibrations that do not state it, if all boxes and sequences have the same."""
     if made.has("ingest", "image_size") or not any(
         item.words.removeprefix("calibration, ") in WITHOUT_SIZE for item in made.found.of(FileKind.CALIBRATION)
     ):
@@ -335,7 +340,10 @@ class OpenedBoxes(NamedTuple):
 
 
 def _opened_boxes(made: Choices) -> tuple[list[Item], OpenedBoxes]:
-    """Box files by content; unreadable ones are excluded."""
+    """Return the box files that can be read, and the content of each; others are dropped.
+
+    InputError if the user states that such a file has boxes.
+    """
     opened: dict[Item, BoxSurvey] = {}
     options = _box_options(made)
     for item in made.found.of(FileKind.BOXES):
@@ -371,9 +379,9 @@ def _texts(value: object) -> tuple[str, ...]:
 
 
 def _check_doubles(made: Choices, opened: OpenedBoxes) -> None:
-    """InputError for two inputs of one kind with one camera: of several recordings, of other cameras, or copies.
+    """Raise InputError for two inputs of one kind with one camera, which may be of several recordings, or copies.
 
-    Image folders of a camera with a video are dropped unless stated.
+    Image folders of a camera with a video are dropped unless the user states them.
     """
     for kind in (FileKind.VIDEO, FileKind.IMAGES, FileKind.BOXES):
         owners: dict[str, list[Item]] = {}
@@ -393,7 +401,10 @@ def _check_doubles(made: Choices, opened: OpenedBoxes) -> None:
 
 
 def _one_of(made: Choices, items: Sequence[Item], *, alone: bool) -> str:
-    """Remedies for inputs of one camera: the start of one recording and, of a file of this camera alone, its name."""
+    """Return the remedies for several inputs of one camera, as text: to use one recording, or to name the camera.
+
+    `alone`: whether the second input is of this camera only, so that it can be named.
+    """
     first, second, *_ = items
     both = first.path.parts, second.path.parts
     apart = next(n for n, (one, two) in enumerate(zip(*both, strict=False)) if one != two)
@@ -409,21 +420,25 @@ Group = tuple[Item, ...]
 
 
 class OpenedCalibration(NamedTuple):
-    """Calibration that was read, with the files that it is in."""
+    """A calibration that was read: items with its files, and content."""
 
     items: Group
     file: CalibrationFile
 
 
 def _calibration_items(made: Choices) -> list[Item]:
-    """Files that together are the calibration of a bag's cameras."""
+    """Return the files that together are the calibration of a bag's cameras; empty without one."""
     groups = _calibrations(made)
     chosen = _choose_calibration(made, groups, [], {})
     return [] if chosen is None else list(chosen.items)
 
 
 def _calibrations(made: Choices) -> list[OpenedCalibration]:
-    """Readable calibrations; files of one folder and format are combined if the format has one camera per file."""
+    """Return the calibrations that can be read; unreadable files are dropped.
+
+    Files of one folder and format are combined to one calibration if the format has one camera per file. InputError if
+    the only calibration, or a stated one, cannot be read.
+    """
     groups: dict[tuple[object, ...], list[Item]] = {}
     for item in made.found.of(FileKind.CALIBRATION):
         alone = item.path.is_dir() or item.words.removeprefix("calibration, ") in ONE_FILE
@@ -462,9 +477,9 @@ def _size(value: object) -> tuple[int, int] | None:
 def _choose_calibration(
     made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str], _items: Mapping[Path, Item]
 ) -> OpenedCalibration | None:
-    """Return the calibration with most of the cameras `names`, or a stated one; the files of others are excluded.
+    """Return a calibration that the user states, or the one with most of the cameras `names`; the others are dropped.
 
-    None if there is none, or the user sets it.
+    None if there is none, or if the configuration of the user sets it.
     """
     if made.has("ingest", "calibration") or not groups:
         return None
@@ -485,7 +500,7 @@ def _choose_calibration(
 
 
 def _common(names: Sequence[str], file: CalibrationFile) -> int:
-    """Return how many of the cameras `names` a calibration has."""
+    """Return how many of the cameras `names` a calibration has, names matched loosely."""
     known = [camera.name for camera in file.cameras]
     return sum(_same(name, known) is not None for name in names)
 
@@ -498,15 +513,15 @@ def _same(name: str, known: Sequence[str]) -> str | None:
 
 
 def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence[str], scene: bool) -> dict[str, str]:
-    """Return the name in use of each camera, by its name in the data.
-
-    Args:
-        made: choices, which get lines, and lose files of cameras that are left out.
-        calibration: gives the names in use; None: those of the data.
-        names: of the cameras with data.
-        scene: true: cameras without a calibration stay.
+    """Return the name to use for each camera, by its name in the data; cameras without a calibration are left out.
 
     InputError if no camera is in the calibration.
+
+    Args:
+        made: choices, which get lines, and lose the files of cameras that are left out.
+        calibration: names the calibrated cameras; None: all cameras keep their names.
+        names: names of the cameras with data.
+        scene: whether a scene file has cameras, so that those without a calibration stay.
     """
     if calibration is None:
         return {name: name for name in names}
@@ -549,13 +564,13 @@ def _path_of(made: Choices, name: str) -> str:
 
 
 def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, renamed: Mapping[str, str]) -> None:
-    """Set the box files, with the class of people, and add a line for each.
+    """Set the box files of `ingest`, with the class of people, and add a line for each.
 
     Args:
         made: the choices.
-        boxes: files.
+        boxes: items with boxes.
         opened: their content.
-        renamed: name in use by name in the data; others are left out.
+        renamed: name to use by name in the data; other cameras are left out.
     """
     own: list[object] = []
     used = [item for item in boxes if item in made.found.items and set(opened.files[item].cameras) & set(renamed)]
@@ -577,9 +592,9 @@ def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, rename
 
 
 def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> None:
-    """Set the class of people if boxes have several; InputError if none of them is known to be that.
+    """Set the class of people if boxes have several classes; InputError if none of them is known to be people.
 
-    `used`: box files; `opened`: their content.
+    `used`: items with boxes; `opened`: their content.
     """
     if made.has("ingest", "class"):
         return
@@ -602,7 +617,10 @@ def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> N
 
 
 def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
-    """Choose the calibration files, and the up direction if z is not up."""
+    """Set the calibration files of `ingest`, and if needed the up axis and mirroring of its world.
+
+    InputError if the height of the ground is unknown.
+    """
     paths = [item.path for item in calibration.items]
     made.put("ingest", "calibration", paths)
     cameras = calibration.file.cameras
@@ -635,7 +653,7 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
 
 
 def _put_scene(made: Choices, stage: str) -> bool:
-    """Set the scene file of the stage, if there is one; return whether it has cameras (or the user sets it)."""
+    """Set the scene file of the stage, if there is one; return whether it has cameras (True if the user sets it)."""
     scenes = made.found.of(FileKind.SCENE)
     if not scenes or made.has(stage, "scene"):
         return made.has(stage, "scene")
@@ -653,7 +671,7 @@ def _rates(made: Choices, opened: OpenedBoxes, renamed: Mapping[str, str]) -> No
     Args:
         made: the choices.
         opened: box files.
-        renamed: name in use by name in the data.
+        renamed: name to use of each camera, by name in the data.
     """
     if times := made.found.of(FileKind.TIMES):
         made.put("ingest", "timestamps", [item.path for item in times])
@@ -700,7 +718,7 @@ def _need_rate(what: str) -> None:
 
 
 def _check_size(made: Choices, size: tuple[int, int]) -> None:
-    """InputError for boxes of images of another size than the calibration's."""
+    """Raise InputError if images of the size (width, height) [px] of boxes are not those of a calibration."""
     for group in _calibrations(made):
         for camera in group.file.cameras:
             if camera.image_size not in (None, size):
@@ -715,13 +733,13 @@ OURS = (".parquet", ".arrow", ".feather")
 
 
 def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, cameras: tuple[str, ...] = ()) -> None:
-    """Set the ground truth, for the recording or for `evaluate`.
+    """Set the ground truth, for `ingest` or, if its files can be compared directly, for `evaluate`.
 
     Args:
         made: the choices.
         opened: box files; None: there are none.
-        framed: frames are counted, so that their first numbers are compared.
-        cameras: names in use; true boxes of others are left out.
+        framed: whether frames are counted, so that first frame numbers of truth and boxes are compared.
+        cameras: names in use; true boxes of others are dropped.
     """
     items = made.found.of(FileKind.TRUTH)
     direct = [item for item in items if item.path.suffix.lower() in OURS or "TUM" in item.words or "Geo" in item.words]
@@ -746,7 +764,7 @@ def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, camer
 
 
 def _names_cameras(path: Path) -> bool:
-    """Whether a table has a column of cameras, or the path is a folder."""
+    """Return whether a path is a folder, or a table with a column of cameras."""
     from occlog.io.formats.boxes.columns import COLUMNS
 
     try:
@@ -776,7 +794,10 @@ def _first_numbers(made: Choices, opened: OpenedBoxes, truths: Iterable[Path]) -
 
 
 def _truth_of_evaluation(made: Choices, held: bool) -> None:
-    """Set a table of true positions for `evaluate`; `held`: the recording has a truth, which is not used then."""
+    """Set a table of true positions for `evaluate`.
+
+    `held`: whether the recording has a truth, which is then not used.
+    """
     items = made.found.of(FileKind.TRUTH)
     if items and not made.has("evaluate", "truth"):
         item = made.only(items, "ground truth")
@@ -785,7 +806,7 @@ def _truth_of_evaluation(made: Choices, held: bool) -> None:
 
 
 def _of_logs(made: Choices) -> None:
-    """Choose logs of directions with their arrays, or of reads with their readers."""
+    """Set inputs and method for logs of directions with their arrays, or of tag reads with their readers."""
     found = made.found
     reads = found.of(FileKind.READS)
     what = "reads" if reads else "bearings"
@@ -812,7 +833,7 @@ def _of_logs(made: Choices) -> None:
 
 
 def _put_sound(made: Choices) -> None:
-    """Choose logs of directions, each with its array."""
+    """Set logs of directions, each with the name of its array, and the tables of the arrays, as inputs of `ingest`."""
     logs = made.found.of(FileKind.DIRECTIONS)
     if not logs:
         return
@@ -852,7 +873,7 @@ def _put_sound(made: Choices) -> None:
 
 
 def _has_sensors(item: Item) -> bool:
-    """Whether a log of directions names its sensors."""
+    """Return whether a log of directions names the sensor of each row."""
     from occlog.io.formats.scenes.stations import NAMES
 
     if "odas" in item.words or "frida" in item.words:
@@ -922,7 +943,7 @@ def _of_sound(made: Choices) -> None:
 
 
 def _of_table(made: Choices) -> None:
-    """Choose a table of bearings, ranges, signal strengths, boxes or views, with its scene."""
+    """Set a table of bearings, ranges, signal strengths, boxes or views as the source, with its scene and method."""
     item = made.only(made.found.of(FileKind.TABLE), "table of measurements")
     made.put("", "table", item.path)
     made.say(f"measurements: {made.shown(item.path)} ({item.words})", f"--as {made.shown(item.path)}=unused")
@@ -941,7 +962,7 @@ def _of_table(made: Choices) -> None:
 
 
 def _need_deviations(made: Choices, item: Item) -> None:
-    """InputError that asks for the standard deviation of a column of an external table which states none."""
+    """Raise InputError for a column of an external table of measurements without a standard deviation."""
     from occlog.io.open import open_if_ours
     from occlog.records.declared.sensors import VALUES
 
@@ -975,7 +996,7 @@ def _method(made: Choices, what: str) -> None:
 
 
 def _rest(made: Choices) -> None:
-    """Exclude the inputs that no choice uses, with a reason."""
+    """Drop the files that no choice uses, with a reason."""
     text = " ".join(map(str, _flat(made.values))) + " ".join(map(str, _flat(made.given)))
     for item in list(made.found.items):
         if str(item.path) not in text and item.kind is not FileKind.SEQUENCE:

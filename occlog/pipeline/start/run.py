@@ -36,18 +36,18 @@ def start(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Write `run.yaml` for the sources into the run folder, and run it; return the exit code.
+    """Write `run.yaml` for the given files into the run folder, and run it; return the exit code.
 
     Args:
         sources: folders and files.
         output: run folder.
         kinds: statements `PATH=KIND[:NAME]` on what files are.
         settings: keys of the configuration, `STAGE.KEY=VALUE`.
-        write_only: true: do not run.
-        overwrite: true: replace a configuration that is another one.
-        strict: true: exit code 6 if results are not plausible.
-        quiet: true: no notes.
-        as_json: true: print the summary as JSON.
+        write_only: do not run it.
+        overwrite: replace a configuration with other content.
+        strict: exit code 6 if results are not plausible.
+        quiet: no notes.
+        as_json: print the summary as JSON.
     """
     given = read_settings(settings)
     found = survey(sources, read_stated(kinds, sources))
@@ -89,7 +89,7 @@ def start(
 
 
 def _without_comments(text: str) -> list[str]:
-    """Lines of a configuration without the comments on choices."""
+    """Return the lines of a configuration without comments."""
     return [line for line in text.splitlines() if not line.startswith("#")]
 
 
@@ -127,9 +127,9 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
 
 
 def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
-    """Return the YAML text of the configuration, with its choices as comments; paths are relative to the run folder.
+    """Return the configuration as YAML text, with its choices as comments.
 
-    `unused`: lines about inputs that are not used.
+    Paths are relative to the run folder. `unused`: lines about files that are not used.
     """
     stages = list(dict.fromkeys([*made.values, *made.given]))
     values: dict[str, object] = {"occlog_run": 1}
@@ -145,7 +145,7 @@ def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
 
 
 def _relative(given: Mapping[str, object]) -> dict[str, object]:
-    """Return a copy of the values `given` by the user with texts that name existing files converted to paths."""
+    """Return a copy of the user's values in which texts that name existing files are paths."""
     return {key: Path(v) if isinstance(v, str) and Path(v).exists() else v for key, v in given.items()}
 
 

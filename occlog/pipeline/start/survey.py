@@ -38,23 +38,23 @@ TRUE = re.compile(r"(^|[^a-z])(gt|truth|true|ground|annot|groundtruth|reference|
 
 
 class Stated(NamedTuple):
-    """User's statement about a file: kind (None: not to be used), and sensor name or ""."""
+    """What the user states about a file (`--as`): its kind (None: not to be used), and its sensor's name or ""."""
 
     kind: FileKind | None
     name: str
 
 
 class Item(NamedTuple):
-    """A usable file or folder.
+    """A file or folder that can be used.
 
     Attributes:
-        path: where it is.
-        kind: what it is taken for.
-        words: its format.
-        name: of its camera or array, as far as its path states one.
-        others: other kinds that it may be.
-        stated: the user states its kind.
-        named: the user states its name.
+        path: path of the file or folder.
+        kind: kind of input as which it is used.
+        words: name of its format.
+        name: name of its camera or array, by its path or by the user.
+        others: other kinds of input that it may be.
+        stated: whether the user states its kind.
+        named: whether the user states its name.
     """
 
     path: Path
@@ -68,13 +68,13 @@ class Item(NamedTuple):
 
 @dataclass
 class Survey:
-    """Result of a survey: usable items, and paths that are not used with the reason."""
+    """Files found in the sources: usable items, and unused paths with the reason."""
 
     items: list[Item] = field(default_factory=list)
     unused: list[tuple[Path, str]] = field(default_factory=list)
 
     def of(self, *kinds: FileKind) -> list[Item]:
-        """Items of some kinds, in natural order of paths."""
+        """Return the items of these kinds, in natural order of paths."""
         return [item for item in self.items if item.kind in kinds]
 
     def drop(self, item: Item, reason: str) -> None:
@@ -83,13 +83,15 @@ class Survey:
         self.unused.append((item.path, reason))
 
     def replace(self, item: Item, kind: FileKind) -> None:
-        """Treat an item as another of its possible kinds."""
+        """Change the kind of an item to another one of its possible kinds."""
         others = tuple(dict.fromkeys((item.kind, *(other for other in item.others if other is not kind))))
         self.items[self.items.index(item)] = item._replace(kind=kind, others=others)
 
 
 def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Stated]:
-    """Return the statements in `texts`, `PATH=KIND[:NAME]`, by resolved path; the path as given, or below a source.
+    """Return the user's statements about files (`--as PATH=KIND[:NAME]`) by resolved path.
+
+    A path is as given, or relative to a source.
 
     Raises:
         UsageError: a path does not exist, or a kind is unknown.
@@ -112,14 +114,14 @@ def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Sta
 
 
 def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
-    """Inspect files and folders.
+    """Find the files in the sources, and what each may be.
 
     Args:
-        sources: given by the user.
-        stated: what the user states, by resolved path.
+        sources: files and folders given by the user.
+        stated: kinds and sensors that the user states for files, by resolved path.
 
     Raises:
-        InputError: a source is not there.
+        InputError: a source does not exist.
     """
     found = Survey()
     seen: set[Path] = set()
@@ -131,13 +133,13 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
 
 
 def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]) -> None:
-    """Add what a path may be to `found`, and inspect the entries of a folder.
+    """Add a path to `found`, as what it may be, and inspect the entries of a folder.
 
     Args:
         path: file or folder.
         root: source that the user named.
         depth: number of folders between both.
-        stated: kinds that the user states, by resolved path.
+        stated: kinds and sensors that the user states for files, by resolved path.
         found: updated in place.
         seen: resolved paths that were inspected; updated in place.
     """
@@ -175,13 +177,13 @@ CLOSED = (FileKind.CALIBRATION, FileKind.TRUTH)
 def _look_into(
     path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]
 ) -> None:
-    """Inspect the entries of a folder; pictures and labels of frames are represented by the folder.
+    """Inspect the entries of a folder; pictures and labels of single frames are represented by the folder.
 
     Args:
         path: the folder.
         root: source that the user named.
         depth: number of folders between both.
-        stated: kinds that the user states, by resolved path.
+        stated: kinds and sensors that the user states for files, by resolved path.
         found: updated in place.
         seen: resolved paths that were inspected; updated in place.
     """
@@ -224,7 +226,10 @@ def _item(path: Path, root: Path, contents: Sequence[FileContent], stated: State
 
 
 def name_of(path: Path, root: Path) -> str:
-    """Return the sensor name that a path states: of the file, or of the nearest folder with a meaningful name."""
+    """Return the name of a sensor by its path: of the file, or of the nearest folder with a name that is not generic.
+
+    `root`: source that the user named, beyond which no folder is considered.
+    """
     for each in (path, *path.parents):
         stem = each.name if each.is_dir() else each.name.split(".")[0]
         stem = _ENDING.sub("", stem)
@@ -237,7 +242,7 @@ def name_of(path: Path, root: Path) -> str:
 
 
 def shown(path: Path, sources: Sequence[Path]) -> str:
-    """Return a path as the user knows it: relative to the one of `sources` that it is in, else as given."""
+    """Return a path as the user knows it: relative to the source folder that it is in, else as given."""
     for source in sources:
         if source.is_dir() and path != source and path.is_relative_to(source):
             return path.relative_to(source).as_posix()
@@ -245,9 +250,9 @@ def shown(path: Path, sources: Sequence[Path]) -> str:
 
 
 def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
-    """Generate a line for each reason why inputs are unused, with the first paths concerned.
+    """Generate a line for each reason why files are unused, with the first paths.
 
-    `sources`: folders that the user named, to which paths are relative.
+    `sources`: files and folders that the user named, to which paths are relative.
     """
     reasons: dict[str, list[str]] = {}
     for path, reason in found.unused:

@@ -33,19 +33,22 @@ Trial = Callable[[Spec], Result]
 
 
 def key_of(spec: Spec, run: Trial = run_trial) -> str:
-    """Return the hash that identifies a trial: of program version, function `run` and specification."""
+    """Return the hash that identifies a trial, made of program version, function and specification."""
     text = json.dumps([__version__, run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 class Store:
-    """Store of results by key; without a path in memory only.
+    """Store of the results of trials by key, in memory and (with a path) in a file of JSON lines.
 
     A truncated last line is overwritten; its trial is repeated.
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Read the file `path` if there is one (None: keep results in memory); InputError for another kind of file."""
+        """Read the file `path` if it exists (None: keep results in memory only).
+
+        InputError for another kind of file.
+        """
         self.results: dict[str, dict[str, float]] = {}
         self._path = path
         self._file: BufferedWriter | None = None
@@ -115,7 +118,12 @@ class Store:
 
 
 class TrialOutcome(NamedTuple):
-    """Result of a trial, or the reason why it failed."""
+    """Outcome of a trial; exactly one of the two is not None.
+
+    Attributes:
+        result: figures of the trial.
+        error: message why it failed.
+    """
 
     result: Result | None
     error: str | None
@@ -134,16 +142,16 @@ def run_all(
     run: Trial = run_trial,
     jobs: Mapping[str, str] | None = None,
 ) -> list[Result]:
-    """Run all trials; return their figures in the order of the descriptions.
+    """Run all trials; return their figures in the order of the specifications.
 
     Args:
-        specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
-        workers: processes on this machine.
-        scheduler: what does the work instead of these, as `--scheduler` states it; None: nothing.
-        store: file of finished trials (JSON lines); those in it are not run again.
+        specs: specifications, see `run_trial` (or what `run` takes); equal ones are run once.
+        workers: number of local processes.
+        scheduler: address or name of a cluster to use instead, as for `--scheduler`; None: local processes.
+        store: file of finished trials (JSON lines), which are not run again; None: none.
         progress: called with the number of trials that have finished since the last call.
         run: runs one trial.
-        jobs: settings of jobs, where the scheduler makes them.
+        jobs: settings of jobs, for schedulers that run jobs.
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
@@ -177,7 +185,7 @@ def run_all(
 
 
 def attempt(spec: Spec, run: Trial) -> TrialOutcome:
-    """Return the outcome of run(spec): figures, or the message of an OcclogError, which is not raised."""
+    """Return the outcome of run(spec): its figures, or the message of an OcclogError, which is not raised."""
     try:
         return TrialOutcome(run(spec), None)
     except OcclogError as error:
@@ -185,7 +193,7 @@ def attempt(spec: Spec, run: Trial) -> TrialOutcome:
 
 
 def describe(spec: Spec, specs: Sequence[Spec]) -> str:
-    """Format the values that distinguish a trial from the others in one line."""
+    """Return the values that distinguish a trial from the others (`specs`), in one line of text."""
     own = (name for name in spec if any(other.get(name) != spec[name] for other in specs))
     return ", ".join(f"{name}={spec[name]}" for name in own) or "the only one"
 

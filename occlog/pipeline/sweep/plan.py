@@ -57,14 +57,19 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
 
 
 class Setting(NamedTuple):
-    """One combination of the varied values, with its trials."""
+    """One combination of the varied values.
+
+    Attributes:
+        label: the varied values by name.
+        trials: specification of the trial of each run.
+    """
 
     label: dict[str, object]  # the varied values by name
     trials: tuple[dict[str, object], ...]  # one for each run
 
 
 def read_sweep(path: Path) -> SweepSpec:
-    """Read a sweep file; InputError names the line of a wrong entry, and the nearest key."""
+    """Read a sweep file; InputError names the line of a wrong entry, and the nearest valid key."""
     return read_yaml(path, SweepSpec, "a sweep file")
 
 
@@ -72,7 +77,7 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
     """Check the values of all settings before any trial runs; InputError with the line of the file.
 
     Args:
-        path: of the sweep file.
+        path: path of the sweep file.
         spec: its content.
         settings: combinations that are run.
     """
@@ -102,12 +107,12 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
 
 
 def _check_value(part: str, method: str, name: str, value: object) -> None:
-    """Check one value; UsageError if it is not allowed.
+    """Check one value of a trial; UsageError if it is not allowed.
 
     Args:
         part: part of a trial, for example `track`.
-        method: tracking method, for that part.
-        name: of the setting.
+        method: tracking method, if the part is `track`.
+        name: name of the setting.
         value: to check.
     """
     if part == "priors":
@@ -134,13 +139,13 @@ def _check_priors(name: str, value: object) -> None:
 
 
 def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
-    """Return the position of a trial's value in the file: for messages, and as a key of `lines_of`.
+    """Return the location of a trial's value in the sweep file: for messages, and as a key of `lines_of`.
 
     Args:
         spec: content of the file.
         case: index of the case.
         name: part and setting, as `track.particles`.
-        value: by which the position in a list is found.
+        value: value of the trial, which is searched for in the setting's list.
     """
     if name in spec.vary:
         return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"
@@ -150,14 +155,14 @@ def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, s
 
 
 def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
-    """Combine all varied values with their trials, in file order; the last name in `vary` varies fastest.
+    """Return all combinations of the varied values, in file order, with their trials; the last name varies fastest.
 
     Args:
-        path: the sweep file, next to the scene.
-        spec: what it states.
+        path: the sweep file, in the folder of the scene.
+        spec: its content.
 
     Raises:
-        InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
+        InputError: a name that cannot vary, an empty list, too many trials, or cameras that do not exist.
     """
     scene = read_configuration(path.parent / spec.scene, "a scene")
     try:
@@ -219,9 +224,11 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
 
 
 def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
-    """Return the names of the cameras in use; a number as `value` selects the first ones of the order.
+    """Return the names of the cameras in use; None: all cameras. InputError for an invalid value.
 
-    None: all cameras. InputError for other values.
+    Args:
+        value: names, a number (the first ones of `order` are used), or None.
+        order: names of cameras.
     """
     if value is None or (isinstance(value, list) and all(isinstance(name, str) for name in value)):
         return value

@@ -51,18 +51,18 @@ def run_sweep(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Run all trials and write the tables; return the exit code.
+    """Run all trials of a sweep file and write the tables; return the exit code.
 
     Args:
         path: sweep file.
-        folder: of the results.
-        workers: number of processes on this machine.
-        scheduler: what does the work instead of these; None: nothing.
-        jobs: settings of jobs, where the scheduler makes them.
-        figures: columns of the printed table.
-        overwrite: true: replace another sweep in the folder.
-        quiet: true: no progress bar.
-        as_json: true: print JSON.
+        folder: folder of the results.
+        workers: number of local processes.
+        scheduler: address or name of a cluster to use instead; None: local processes.
+        jobs: settings of jobs, for schedulers that run jobs.
+        figures: names of the figures in the printed table.
+        overwrite: replace another sweep in the folder.
+        quiet: no progress bar.
+        as_json: print JSON.
     """
     spec = read_sweep(path)
     settings = settings_of(path, spec)
@@ -113,9 +113,10 @@ def _make(folder: Path) -> None:
 
 
 def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
-    """Check that the folder holds no other sweep than `made`; with `overwrite` remove its results.
+    """Make the folder ready for a sweep.
 
-    `made`: what identifies the sweep, written into the folder.
+    OutputExistsError if it has another one, unless `overwrite` removes its results. `made`: what identifies the sweep,
+    written into the folder.
     """
     marker = folder / MADE
     if marker.exists() and msgspec.json.decode(msgspec.json.encode(read_json(marker))) == msgspec.to_builtins(made):
@@ -129,7 +130,11 @@ def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
 
 
 class Summary(NamedTuple):
-    """Statistics of one figure over n runs; NaN with too few runs."""
+    """Statistics of one figure over n runs; NaN with too few runs.
+
+    `sd`: standard deviation (n - 1); `se`: standard error of the mean; `low`, `high`: 95 % confidence interval of the
+    mean.
+    """
 
     n: int
     mean: float
@@ -140,21 +145,27 @@ class Summary(NamedTuple):
 
 
 class SummaryRow(NamedTuple):
-    """Statistics of one figure over the runs of one setting."""
+    """Statistics of one figure over the runs of one setting.
+
+    Attributes:
+        label: the varied values by name.
+        figure: name of the figure.
+        summary: statistics over the runs.
+    """
 
     label: Row  # the varied values by name
     figure: str
     summary: Summary
 
     def as_row(self) -> Row:
-        """Return the row as it is written: varied values, figure, statistics."""
+        """Return the row as it is written to `summary.csv`: varied values, figure, statistics, by column."""
         return {**self.label, "figure": self.figure, **self.summary._asdict()}
 
 
 def summarise(values: Sequence[float]) -> Summary:
-    """Statistics of a figure over runs, without NaN.
+    """Return statistics of one figure over runs; NaN values are left out.
 
-    The confidence interval is that of Student's t distribution, for means of approximately normal values.
+    The 95 % confidence interval of the mean is that of Student's t distribution, for approximately normal values.
 
     Args:
         values: one for each run.
@@ -206,7 +217,10 @@ def _label(setting: Setting) -> Row:
 
 
 def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:
-    """Return a table as text: a line per setting, with mean and half-width of the confidence interval of `figures`."""
+    """Return a table as text: a line for each setting, with mean and half-width of the 95 % interval of each figure.
+
+    `figures`: names of the figures to show.
+    """
     lines: dict[tuple[object, ...], dict[str, str]] = {}
     for row in rows:
         label, found = {k: str(v) for k, v in row.label.items()}, row.summary

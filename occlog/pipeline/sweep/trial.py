@@ -46,31 +46,29 @@ WORLDS = 2
 
 
 class SimulatedWorld(NamedTuple):
-    """Simulated truth and bearings of a trial, independent of the tracker."""
+    """Simulated truth and bearings of a trial; they do not depend on the tracker."""
 
     truth: Truth
     bearings: Bearings
 
 
 def run_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial.
+    """Run one trial: simulate a scene, track a target, and compare with the truth; return figures by name.
 
     Args:
-        spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`),
-            `observe` (of `ObserveConfig`), `priors` (`kind` none, known or kalman, with
-            `measurement_noise` and `process_noise_velocity` for kalman), `track` (`method` and
-            its settings), `cameras` (names of those to use), `select` (fields of
-            `SelectConfig`), `skip` (estimates skipped at the start).
+        spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`), `observe` (of
+            `ObserveConfig`), `priors` (`kind` none, known or kalman, with `measurement_noise` and
+            `process_noise_velocity` for kalman), `track` (`method` and its settings), `cameras` (names of those to
+            use), `select` (fields of `SelectConfig`), `skip` (number of estimates skipped at the start).
 
     Returns:
-        `rmse`, `mean_error`, `max_error` (length unit), `rmse_occ` (of the priors' means; NaN
-        without priors), `mean_ess`, `sir` and `restart` (scans with that fallback), `lost`
-        (share of estimates more than a fifth of the room away), `messages`, `bytes`,
-        `predicted_mse` (mean; NaN without selection), and `track_seconds` (CPU; differs from
-        run to run).
+        `rmse`, `mean_error`, `max_error` (length unit), `lost` (share of estimates more than a fifth of the room away),
+        `estimates`, `rmse_occ` (of the priors' means; NaN without priors), `mean_ess`, `sir` and `restart` (scans with
+        that fallback), `messages`, `bytes`, `predicted_mse` (mean; NaN without selection), and `track_seconds`
+        (processor time; differs from run to run).
 
     Raises:
-        InputError, UsageError: values that do not fit.
+        InputError, UsageError: invalid values.
     """
     _check(spec)
     scene = _scene(spec["scene"])
@@ -103,7 +101,7 @@ def _check(spec: Spec) -> None:
 
 
 def _seed(seed: int, run: int) -> int:
-    """Return the seed of the run with this number, derived from the seed of all runs."""
+    """Return the seed of the run with this number, derived from the common seed of all runs."""
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint32)[0])
 
 
@@ -138,7 +136,7 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """Return the RMS distance of the priors' means from the true occluder positions.
+    """Return the RMS distance of the priors' means from the true positions of the moving occluders.
 
     NaN without priors, or if the numbers of rows differ.
     """
@@ -155,10 +153,10 @@ def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
 
 
 def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
-    """Return RMSE, mean and largest error of the estimates of target 0, without the first `skip` times.
+    """Return RMSE, mean and largest error of the estimates of target 0, by name, without the first `skip` estimates.
 
-    Also `lost`, the share of errors above a fifth of the diagonal of the surroundings, and the number of estimates.
-    InputError if no estimate is left, or at times that the truth does not have.
+    Also `lost`, the share of errors above a fifth of the diagonal of the scene's surroundings, and the number of
+    estimates. InputError if no estimate is left, or for estimates at times that the truth does not have.
     """
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)

@@ -23,16 +23,18 @@ from occlog.pipeline.run.stages import check_settings, plan, read_config
 
 PROCESSOR = "processor"
 """Name of the type of processor among the versions."""
+PYTHON, MAX_NAMED = "python", 2
+"""Name of Python among the versions, and how many of those that differ are named in the conclusion."""
 
 
 class Verified(NamedTuple):
-    """Result of a verification.
+    """Result of verifying a packed run.
 
     Attributes:
         same: names of outputs with the same bytes.
         similar: names of outputs with other bytes and the same values.
-        different: first difference of other outputs, by name.
-        versions: versions, and the type of processor, that differ: when it was packed, and here; None: not there.
+        different: description of the first difference of each other output, by name.
+        versions: packages (and `processor`) that differ: version when the run was packed, and now; None: missing.
     """
 
     same: tuple[str, ...]
@@ -42,7 +44,7 @@ class Verified(NamedTuple):
 
     @property
     def code(self) -> ExitCode:
-        """Exit code: 0 if all is equal (with other versions, equal values suffice); else 5."""
+        """Exit code: 0 if all is equal (with other versions, equal values suffice), else 5."""
         explained = not self.similar or bool(self.versions)
         return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
 
@@ -56,10 +58,21 @@ class Verified(NamedTuple):
             then, now = self.versions[PROCESSOR]
             cause, remedy = f"another processor ({then}, now {now})", "verify on one of its type"
         else:
-            cause, remedy = "other versions", "install those of lock.txt, and verify again"
+            cause, remedy = _in_words(self.versions), "install those of lock.txt, and verify again"
         if not self.different:
             return f"the same values; {cause}, so that bytes differ"
         return f"{cause}: may explain what differs; {remedy}"
+
+
+def _in_words(versions: dict[str, tuple[str | None, str | None]]) -> str:
+    """Return, in words, which versions differ: at most `MAX_NAMED`, Python's first, those of missing packages last.
+
+    `versions`: as in `Verified`.
+    """
+    names = sorted(versions, key=lambda name: (name != PYTHON, None in versions[name], name))
+    found = [f"{name} {then or 'none'}, now {now or 'none'}" for name in names for then, now in [versions[name]]]
+    more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
+    return f"other versions ({'; '.join(found[:MAX_NAMED])}{more})"
 
 
 def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]) -> Verified:
@@ -67,8 +80,8 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
 
     Args:
         archive: written by `occlog pack`.
-        inputs: folder that holds the inputs which are not in the archive, under their names in it.
-        begin: called with the name of each stage before it is done.
+        inputs: folder with the inputs that are not in the archive, under their names in it; None: none.
+        begin: called with the name of each stage before it runs.
 
     Raises:
         InputError: the archive is damaged, names files outside of itself, or a stage fails.
@@ -97,7 +110,10 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
 
 
 def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: Path) -> None:
-    """Copy the inputs that the archive only references from `inputs` to `folder`; UsageError if `inputs` is None."""
+    """Copy the inputs that the archive only references from `inputs` to `folder`.
+
+    UsageError if some are needed and `inputs` is None.
+    """
     for file in manifest.inputs:
         if not file.included:
             if inputs is None:
@@ -111,13 +127,13 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
 def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[StageStep]:
     """Run all stages of the unpacked archive, and return a report on each.
 
+    InputError for a configuration with files outside of the archive, or inputs that no stage uses.
+
     Args:
-        manifest: of the archive.
+        manifest: manifest of the archive.
         folder: where it was unpacked.
         made: run folder to write.
         begin: called with the name of a stage before it runs.
-
-    InputError for a configuration with files outside of, or missing in, the archive.
     """
     config = read_config(folder / INPUTS / manifest.config)
     unused = {(folder / INPUTS / file.path).resolve() for file in manifest.inputs} - {config.path.resolve()}

@@ -35,14 +35,14 @@ COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = (
 
 
 def words_of(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) comma-separated words of the columns set in a mask (N, W)."""
+    """(N,) texts, each the words set in a row of the mask (N, W), separated by commas; `words` names the W columns."""
     different, which = np.unique(mask, axis=0, return_inverse=True)
     texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
     return np.array(texts, dtype=np.str_)[which.reshape(-1)]
 
 
 def has_word(texts: Strings, word: str) -> Bools:
-    """(N,) mask of the comma-separated lists `texts` (N,) that contain a word."""
+    """(N,) mask of the texts (N,), lists of words separated by commas, that contain the given word."""
     different, which = np.unique(texts, return_inverse=True)
     there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
     found: Bools = there[which]
@@ -51,7 +51,10 @@ def has_word(texts: Strings, word: str) -> Bools:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeopleTracks(Tracks):
-    """Tracks of all people on the ground plane; every command reads them as `Tracks`."""
+    """Tracks of all people on the ground plane: `Tracks` with existence probability, body size and quality flags.
+
+    Every command reads them as `Tracks`.
+    """
 
     existence_probability: Floats = column(
         "f8", "1", "probability that the person is there", nan="not known", optional=True
@@ -76,10 +79,10 @@ class PeopleTracks(Tracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JoinedTracks(PeopleTracks):
-    """Tracks fused over several groups of cameras; every command reads them as `Tracks`.
+    """Tracks fused over several groups of cameras that were tracked separately; every command reads them as `Tracks`.
 
-    `quality_flags` has `inconsistent_views` also, where two groups have the person in places that do not agree at
-    this time.
+    In addition to the flags of `PeopleTracks`, `quality_flags` has `inconsistent_views` where two groups have the
+    person at positions that contradict each other at this time.
     """
 
     source_ids: Strings = column(
@@ -91,10 +94,10 @@ class JoinedTracks(PeopleTracks):
 class PeopleViews(ViewTracks):
     """All tracks projected into every image, including occluded ones; every command reads them as `ViewTracks`.
 
-    `likelihood_mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and
-    of the box that the position on the floor lets expect, weighted by the visibility.  It is `ground` where there is
-    the latter alone.  Without a calibration (method `sort`) the ellipse is inscribed in the estimated box, and the mode
-    is `predicted` where the frame has no box of the person.
+    `likelihood_mode` is `box` where the camera has a box of the person: the ellipse is inscribed in a mean of that box
+    and of the box predicted from the position on the ground, weighted by the visibility. It is `ground` where only the
+    predicted box is known. Without a calibration (method `sort`) the ellipse is inscribed in the estimated box, and the
+    mode is `predicted` where the frame has no box of the person.
     """
 
     visibility: Floats = column(
@@ -108,10 +111,10 @@ class PeopleViews(ViewTracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Associations(ColumnTable):
-    """Detection-to-track associations with probabilities.
+    """Detection-to-track associations with probabilities: a row for each pair of a box and a track it may belong to.
 
-    A box may be of one of several people; its probabilities sum to at most 1, and the rest is the probability of
-    clutter.
+    The probabilities of one box sum to at most 1; the rest is the probability that it is a false alarm or of a person
+    without a track.
     """
 
     NAME: ClassVar[str] = "associations"
@@ -125,7 +128,7 @@ class Associations(ColumnTable):
     probability: Floats = column("f8", "1", "that the box is of this person, above 0 and at most 1")
 
     def check(self) -> None:
-        """Check that times are in order, and probabilities in range."""
+        """InputError unless times are in order, and probabilities above 0 and at most 1."""
         check_order(self)
         if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
             row = first_row(bad)
@@ -162,7 +165,10 @@ class Events(ColumnTable):
 
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[int, str, int, int, float]]) -> Self:
-        """Build the table from rows of (time, kind, identity, other identity, probability), in any order."""
+        """Build the table, sorted by time and identity, from rows in any order.
+
+        A row is (time [ns], kind, identity, other identity or -1, probability or NaN), as the columns of the table.
+        """
         listed = sorted(rows, key=lambda row: (row[0], row[2]))
         if not listed:
             return cls.empty()
@@ -176,7 +182,7 @@ class Events(ColumnTable):
         )
 
     def check(self) -> None:
-        """Check that times are in order, and kinds are known."""
+        """InputError unless times are in order, and kinds are among `KINDS`."""
         check_order(self)
         if (bad := ~np.isin(self.kind, KINDS)).any():
             row = first_row(bad)
@@ -192,9 +198,9 @@ DECISIONS = (SAME, OTHER, SUSPENDED)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gallery(ColumnTable):
-    """Appearance gallery: a density of colours for each target and each viewing angle at which it was seen.
+    """Appearance gallery: a colour histogram for each target and each viewing angle from which it was seen.
 
-    All rows have the same number of bins and of angles, so that any two can be compared.
+    All rows have the same number of bins and of angles, so that any two can be compared ([Lee] Sec. 5.2.1).
     """
 
     NAME: ClassVar[str] = "gallery"
@@ -216,7 +222,11 @@ class Gallery(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check times, angles and bins, that densities sum to 1, and that no row is repeated."""
+        """InputError unless times are in order, angles and bins valid and equal in all rows, and densities sum to 1.
+
+        Densities must be 0 beyond the bins, samples and pixels at least 1, and no target may have two rows of one
+        angle.
+        """
         check_order(self)
         if not len(self):
             return
@@ -287,7 +297,11 @@ class AppearanceMatches(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check times, decisions, and that coefficients exist exactly for compared pairs."""
+        """InputError unless times are in order, decisions known, and values match the decision.
+
+        Rows with the decision `suspended` have a reason and NaN for `rho`; all others have no reason and `rho` from 0
+        to 1.
+        """
         check_order(self)
         if (bad := ~np.isin(self.decision, DECISIONS)).any():
             row = first_row(bad)

@@ -33,17 +33,20 @@ MAX_EDGE_PX = 1e6
 
 
 def check_frames(frame: Ints, name: str) -> None:
-    """InputError for a negative or implausibly large frame number."""
+    """InputError, with the first row, if a frame number in `frame` (n,) is below 0 or not below `MAX_FRAMES`.
+
+    `name` is that of the table, for the message.
+    """
     if (wrong := (frame < 0) | (frame >= MAX_FRAMES)).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: frame {frame[row]}; it must be from 0 and below {MAX_FRAMES}")
 
 
 def check_edges(edges: Sequence[Floats], name: str) -> None:
-    """InputError for a box that extends farther than any image.
+    """InputError, with the first row, if a box has a coordinate or size beyond +-`MAX_EDGE_PX`.
 
     Args:
-        edges: columns (n,) of coordinates of the boxes' edges [px].
+        edges: columns (n,) of the boxes' coordinates and sizes [px].
         name: of the table, for the message.
     """
     far = np.max(np.abs(edges), axis=0)
@@ -55,7 +58,7 @@ def check_edges(edges: Sequence[Floats], name: str) -> None:
 
 
 def check_ids(ids: Ints32, column: str, name: str) -> None:
-    """InputError for an identity in `ids` (n,) below -1 (none).
+    """InputError, with the first row, if an identity in `ids` (n,) is below -1, which means none.
 
     `column` and `name` (of the table) are for the message.
     """
@@ -66,11 +69,10 @@ def check_ids(ids: Ints32, column: str, name: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearings(ColumnTable):
-    """Bearings of targets from each sensor.
+    """Bearings (azimuths in the world) of targets from each sensor, with standard deviations.
 
-    A camera that delivered a frame but did not see the target has a row with
-    `seen` false: that is information.  A camera without a frame has no row.
-    Rows with `target_id` = -1 are candidates that may come from any object; a sensor
+    A camera that delivered a frame but did not detect the target has a row with `seen` false: that is information. A
+    camera without a frame has no row. Rows with `target_id` = -1 are candidates that may come from any object; a sensor
     may have several of them at one time.
     """
 
@@ -118,7 +120,10 @@ class Bearings(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, angles wrapped, and measurements exist exactly where detected."""
+        """InputError unless times are in order, angles are in range, and a row has a bearing exactly if `seen` is true.
+
+        Standard deviations must be positive, and an elevation requires its standard deviation and a detection.
+        """
         check_order(self)
         check_ids(self.target_id, "target_id", "Bearings")
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
@@ -151,7 +156,7 @@ class Bearings(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views(ColumnTable):
-    """People-sized clusters (or detector boxes) of every camera and frame."""
+    """People-sized foreground clusters (or detector boxes) of every camera and frame, with their lines of sight."""
 
     NAME: ClassVar[str] = "views"
     VERSION: ClassVar[int] = 2
@@ -213,7 +218,7 @@ class Views(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
+        """InputError unless times are in order, frames and identities valid, and boxes of plausible, positive size."""
         check_order(self)
         check_frames(self.frame, "Views")
         check_ids(self.target_id, "target_id", "Views")
@@ -249,7 +254,7 @@ class Boxes(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
+        """InputError unless times are in order, frames and identities valid, and boxes of plausible, positive size."""
         check_order(self)
         name = type(self).__name__
         check_frames(self.frame, name)
@@ -265,7 +270,7 @@ class Boxes(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthBoxes(Boxes):
-    """True boxes of the targets in each view (columns of `Boxes`, and what is visible of them)."""
+    """True boxes of the targets in each view: the columns of `Boxes`, and the visible share of each target."""
 
     NAME: ClassVar[str] = "truth_boxes"
     VERSION: ClassVar[int] = 2
@@ -281,7 +286,7 @@ class TruthBoxes(Boxes):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doa(ColumnTable):
-    """Directions of arrival from microphone arrays (or any direction finder)."""
+    """Directions of arrival (azimuth and elevation in the world) from microphone arrays or other direction finders."""
 
     NAME: ClassVar[str] = "doa"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "source_id")
@@ -297,7 +302,7 @@ class Doa(ColumnTable):
     confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check that times are in order, and azimuths wrapped."""
+        """InputError unless times are in order, source numbers are valid, and azimuths are between -pi and pi."""
         check_order(self)
         check_ids(self.source_id, "source_id", "Doa")
         bad = ~(np.abs(self.azimuth) <= np.pi)
@@ -310,8 +315,8 @@ class Doa(ColumnTable):
 class Positions(ColumnTable):
     """Positions on the ground that a detector reports: a network for the ground plane, lidar, radar, ultra-wideband.
 
-    A frame without any target is one row with `detection` = -1 and NaN elsewhere, as in `boxes`.  The source need not
-    be a sensor of the scene.
+    A frame without any target is one row with `detection` = -1 and NaN elsewhere, as in `boxes`. The source need not be
+    a sensor of the scene.
     """
 
     NAME: ClassVar[str] = "positions"
@@ -330,7 +335,10 @@ class Positions(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check times, identities and frames, that positions match detections, and that covariances are positive."""
+        """InputError unless times are in order, and identities and frames valid.
+
+        Rows have positions exactly if detected. A covariance that is stated must be positive definite.
+        """
         check_order(self)
         check_frames(self.frame, "Positions")
         for key in ("detection", "target_id"):
@@ -366,7 +374,7 @@ class Reads(ColumnTable):
     rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not measure it")
 
     def check(self) -> None:
-        """Check that times are in order, and every tag has a target."""
+        """InputError unless times are in order, and every row has a target (`target_id` at least 0)."""
         check_order(self)
         if (bad := self.target_id < 0).any():
             row = first_row(bad)
@@ -383,11 +391,11 @@ DIFFERENCES = ("tdoa", "range_difference")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurements(ColumnTable):
-    """Measurements of targets with known identity (radio tags, beacons, one source of sound).
+    """Ranges, signal strengths and arrival-time differences of targets with known identity.
 
-    A row has a range, a signal strength, a difference of arrival times to another station, or several of them; with a
-    range it may have a bearing.
-    A time difference in seconds becomes a length by the speed of propagation, which the table does not know.
+    Such targets are radio tags, beacons, or a single source of sound. A row has at least one of range, received power,
+    time difference or range difference to another station; with a range it may have a bearing. A time difference in
+    seconds becomes a length by the speed of propagation, which the table does not know.
     """
 
     NAME: ClassVar[str] = "measurements"
@@ -429,7 +437,10 @@ class Measurements(ColumnTable):
     sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not stated", optional=True)
 
     def check(self) -> None:
-        """Check times, targets, positive standard deviations, and two stations for each difference."""
+        """InputError unless times are in order, and each row has a target, a value and positive standard deviations.
+
+        A bearing requires a range; a difference requires a second station, in `reference`.
+        """
         check_order(self)
         bad: Bools = np.asarray(self.target_id < 0)
         if bad.any():
@@ -461,5 +472,5 @@ class Measurements(ColumnTable):
 
     @property
     def present(self) -> Bools:
-        """(N, 4) mask of the `VALUES` that each row has."""
+        """(N, 4) mask of the values that each row has, in the order range, rssi, tdoa, range_difference (`VALUES`)."""
         return np.column_stack([np.isfinite(getattr(self, name)) for name in VALUES])

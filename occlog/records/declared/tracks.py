@@ -14,7 +14,7 @@ from occlog.records.columns import ColumnTable, check_order, column, first_row, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks(ColumnTable):
-    """Estimated states on the ground, or in space, with their covariance."""
+    """Estimated states of targets on the ground, or in space: position, velocity and their covariance in the world."""
 
     NAME: ClassVar[str] = "tracks"
     VERSION: ClassVar[int] = 3
@@ -58,7 +58,7 @@ class Tracks(ColumnTable):
     cov_zz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
 
     def check(self) -> None:
-        """Check that times are in order, and covariances positive semidefinite up to rounding."""
+        """InputError unless times are in order, and covariances positive semidefinite (up to rounding) or NaN."""
         check_order(self)
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
         bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
@@ -66,7 +66,7 @@ class Tracks(ColumnTable):
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
 
     def with_covariance(self) -> Self:
-        """Return the tracks; InputError if a position has no covariance."""
+        """Return this table itself; InputError if any position has no covariance (`cov_xx` is NaN)."""
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
                 f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
@@ -77,10 +77,10 @@ class Tracks(ColumnTable):
 
 
 def doubt_column(reasons: str) -> Any:
-    """Declare the column of quality flags, with the meaning of each.
+    """Dataclass field for the optional text column `quality_flags` of a table.
 
     Args:
-        reasons: each that there is, with its meaning.
+        reasons: for the column's description: each flag that the table can have, with its meaning.
     """
     meaning = "why the position is not reliable, separated by commas; empty: no reason was found."
     return column("U", "1", f"{meaning} {reasons}", optional=True)
@@ -88,7 +88,7 @@ def doubt_column(reasons: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedTracks(Tracks):
-    """Tracks in the world from tracks in several images; every command reads them as `Tracks`."""
+    """Tracks in the world, fused from tracks in the images of several cameras; every command reads them as `Tracks`."""
 
     seen_by: Strings = column("U", "1", "views that made the position, separated by commas", optional=True)
     quality_flags: Strings = doubt_column(
@@ -100,7 +100,7 @@ class FusedTracks(Tracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagTracks(Tracks):
-    """Tracks of tags from the reads of readers; every command reads them as `Tracks`."""
+    """Tracks of radio tags, estimated from the reads of tag readers; every command reads them as `Tracks`."""
 
     read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
     refined_by: Strings = column("U", "1", "cameras that refined the position, separated by commas", optional=True)
@@ -113,7 +113,10 @@ class TagTracks(Tracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VirtualSensors(ColumnTable):
-    """Regions into which the ranges of readers divide the floor: a row for each set of readers that cover one."""
+    """Regions into which the ranges of tag readers divide the floor.
+
+    A row is the region that a set of readers covers and all others do not.
+    """
 
     NAME: ClassVar[str] = "virtual_sensors"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "readers")
@@ -129,7 +132,7 @@ class VirtualSensors(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
 
     def check(self) -> None:
-        """Check that areas and numbers of readers are not negative."""
+        """InputError unless times are in order, and areas and numbers of readers are not negative."""
         check_order(self)
         if (bad := (self.area < 0.0) | (self.count < 0)).any():
             raise InputError(f"VirtualSensors: row {first_row(bad)}: area and count must not be below 0")
@@ -137,7 +140,7 @@ class VirtualSensors(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnostics(ColumnTable):
-    """Diagnostics of a filter at each step."""
+    """Diagnostics of a filter: a row per target and scan with likelihood, sensors used and quality flags."""
 
     NAME: ClassVar[str] = "diagnostics"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
@@ -208,7 +211,7 @@ class Diagnostics(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
@@ -227,7 +230,7 @@ class Particles(ColumnTable):
     weight: Floats = column("f8", "1", "its weight; those of one target and time have the sum 1")
 
     def check(self) -> None:
-        """Check that times are in order, and weights in range."""
+        """InputError unless times are in order, and weights from 0 to 1."""
         check_order(self)
         bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
         if bad.any():
@@ -236,7 +239,7 @@ class Particles(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals(ColumnTable):
-    """How each bearing that was used agrees with the estimate, and whether it is accepted."""
+    """Normalised residual of each bearing that was used against the estimate, and its inlier probability."""
 
     NAME: ClassVar[str] = "residuals"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
@@ -258,7 +261,7 @@ class Residuals(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, and probabilities and variances in range."""
+        """InputError unless times are in order, inlier probabilities from 0 to 1, and variances not negative."""
         check_order(self)
         bad = ~((self.inlier_probability >= 0.0) & (self.inlier_probability <= 1.0) & (self.expected_variance >= 0.0))
         if bad.any():
@@ -269,7 +272,10 @@ class Residuals(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration(ColumnTable):
-    """Errors of the sensors' poses, true minus stated, as a filter that estimates them has them after each scan."""
+    """Errors of the sensors' poses, true minus stated, as a filter estimates them, with standard deviations.
+
+    A row for each track and sensor after each scan.
+    """
 
     NAME: ClassVar[str] = "calibration"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
@@ -285,13 +291,13 @@ class Calibration(ColumnTable):
     sd_dyaw: Floats = column("f8", "rad", "standard deviation")
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors(ColumnTable):
-    """Estimate minus truth at each time of the estimate."""
+    """Estimate minus truth at each time of an estimate, with the normalised estimation error squared (NEES)."""
 
     NAME: ClassVar[str] = "errors"
     VERSION: ClassVar[int] = 2
@@ -322,7 +328,7 @@ class Errors(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
@@ -332,7 +338,7 @@ NO_SMOOTHED = "made by an older version"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound(ColumnTable):
-    """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
+    """Posterior Cramer-Rao bound of the position error, for the sensors that detected the target at each time."""
 
     NAME: ClassVar[str] = "bound"
     VERSION: ClassVar[int] = 2
@@ -371,16 +377,16 @@ class Bound(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cooperation(ColumnTable):
-    """When a tracker of sounds asked cameras where its targets are, why, and what they answered.
+    """Requests of an acoustic tracker to cameras for positions of its targets: cause, cameras, and the answer.
 
-    Each row is one request for one target; several at one time share their frames, which
-    are counted in the first of them.
+    Each row is one request for one target; several at one time share their frames, which are counted in the first of
+    them.
     """
 
     NAME: ClassVar[str] = "cooperation"
@@ -404,7 +410,7 @@ class Cooperation(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
 
     def check(self) -> None:
-        """Check that times are in order, and that exactly the answered requests have positions."""
+        """InputError unless times are in order, and exactly the answered requests have positions."""
         check_order(self)
         if (wrong := self.answered != (np.isfinite(self.x) & np.isfinite(self.y))).any():
             row = first_row(wrong)

@@ -71,7 +71,10 @@ class ViewTracks(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check times, positive axes, identities from 0, and known words."""
+        """InputError unless times are in order, half axes positive, and identities at least 0.
+
+        `lifecycle` and `counterpart` must have known values.
+        """
         check_order(self)
         if (bad := ~((self.a_px > 0) & (self.b_px > 0))).any():
             row = first_row(bad)
@@ -90,7 +93,10 @@ class ViewTracks(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failures(ColumnTable):
-    """Failures of single-target trackers, by frame and view ([Qu] Eq. 9)."""
+    """Failures of single-target trackers by frame and view: a target without tracker, or a tracker on another target.
+
+    Position failures and label failures of [Qu] Eq. 9.
+    """
 
     NAME: ClassVar[str] = "failures"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
@@ -112,7 +118,7 @@ class Failures(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, and kinds are known."""
+        """InputError unless times are in order, and each kind is `position` or `label`."""
         check_order(self)
         if (bad := ~np.isin(self.kind, ("position", "label"))).any():
             row = first_row(bad)
@@ -121,7 +127,7 @@ class Failures(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counts(ColumnTable):
-    """How many targets and tracks on the ground there are over time, and how many of them are pairs."""
+    """Numbers of true targets and tracks on the ground at each time, of pairs, misses, false tracks and switches."""
 
     NAME: ClassVar[str] = "counts"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
@@ -136,12 +142,16 @@ class Counts(ColumnTable):
     switches: Ints = column("i8", "1", "targets with another track than they had last")
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
 def boxes_of_ellipses(tracks: ViewTracks) -> Boxes:
-    """Bounding boxes of ellipses (not clipped to the image), with the tracks' identities."""
+    """Upright bounding boxes of the ellipses of tracks, not clipped to the image: a row of `Boxes` for each row.
+
+    Times, cameras, frames and identities are those of the tracks; boxes are numbered through the whole table, and the
+    confidence is NaN.
+    """
     cos, sin = np.cos(tracks.rho), np.sin(tracks.rho)
     half_width = np.hypot(tracks.a_px * cos, tracks.b_px * sin)
     half_height = np.hypot(tracks.a_px * sin, tracks.b_px * cos)

@@ -18,12 +18,11 @@ from occlog.records.columns import ColumnTable, check_order, column, first_row, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occluders(ColumnTable):
-    """Gaussian priors of the moving occluders' positions.
+    """Gaussian priors of the moving occluders' positions on the ground.
 
-    A row holds everything that is known at its time: an occluder that has no row then is
-    not there.  A time at which there is known to be none is one row with `occluder_id` = -1
-    and NaN elsewhere, to distinguish it from a time without information.
-    A covariance of 0 means that the position is known.
+    The rows of a time list all occluders that are present then. A time known to have no occluder is one row with
+    `occluder_id` = -1 and NaN elsewhere, to distinguish it from a time without information. A covariance of 0 means
+    that the position is known.
     """
 
     NAME: ClassVar[str] = "occluders"
@@ -39,7 +38,10 @@ class Occluders(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
 
     def check(self) -> None:
-        """Check times, numbers of occluders, and positive semidefinite covariances."""
+        """InputError unless times are in order, rows with an occluder have a position, and covariances are valid.
+
+        Rows without one (`occluder_id` -1) have none. Covariances must be positive semidefinite.
+        """
         check_order(self)
         numbers = np.stack([self.x, self.y, self.cov_xx, self.cov_xy, self.cov_yy])
         there: Bools = np.asarray(np.isfinite(numbers).all(axis=0))
@@ -51,10 +53,10 @@ class Occluders(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hulls(ColumnTable):
-    """Polygons on the ground in which the moving occluders are: the visual hull of several views.
+    """Polygons on the ground that contain the moving occluders: visual hulls from several views.
 
-    An occluder is anywhere in its polygon with equal probability.  As in `Occluders` a time
-    without any is one row with `occluder_id` = -1.
+    An occluder is anywhere in its polygon with equal probability. A time known to have no occluder is one row with
+    `occluder_id` = -1.
     """
 
     NAME: ClassVar[str] = "hulls"
@@ -67,7 +69,10 @@ class Hulls(ColumnTable):
     y: Floats = column("f8", "m", "position of the corner", nan="no occluder")
 
     def check(self) -> None:
-        """Check times, and that corners are numbered from 0, at least three per polygon."""
+        """InputError unless times are in order, and each occluder has a polygon with corners numbered from 0.
+
+        A polygon has at least three corners. Rows without an occluder (`occluder_id` -1) have no position.
+        """
         check_order(self)
         _check_there(self, self.occluder_id, np.isfinite(self.x) & np.isfinite(self.y))
         if not len(self):
@@ -85,12 +90,12 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError if an occluder has no position, or a row without occluder has one.
+    """InputError if a row with an occluder has no position, or a row without one has a position.
 
     Args:
-        table: for the message.
-        identity: (n,) of the occluder; -1: none.
-        there: (n,) rows with a position.
+        table: for the name of the table in the message.
+        identity: (n,) number of the occluder; -1: none.
+        there: (n,) mask of rows with a position.
     """
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
@@ -102,7 +107,7 @@ def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(ColumnTable):
-    """True positions on the ground of the targets and of the objects that hide them."""
+    """True positions of the targets, and of the moving objects that occlude them."""
 
     NAME: ClassVar[str] = "truth"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
@@ -116,7 +121,7 @@ class Truth(ColumnTable):
     z: Floats = column("f8", "m", "height of the point above the ground", nan="not known")
 
     def check(self) -> None:
-        """Check that times are in order, and roles are known."""
+        """InputError unless times are in order, and each role is `target` or `occluder`."""
         check_order(self)
         bad = ~np.isin(self.role, ("target", "occluder"))
         if bad.any():
@@ -148,7 +153,7 @@ class PlanMap(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that probabilities are between 0 and 1."""
+        """InputError unless times are in order, and weights and probabilities from 0 to 1."""
         check_order(self)
         for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "unlocalised_share"):
             values = getattr(self, name)
@@ -165,7 +170,7 @@ PATH_STATES = (*STATES, "end")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPath(ColumnTable):
-    """Positions of a robot in a potential field, and the forces that decide on its next step."""
+    """Positions of a robot in a potential field, and the forces that determine its next step."""
 
     NAME: ClassVar[str] = "robot_path"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
@@ -198,7 +203,7 @@ class RobotPath(ColumnTable):
     obstacle: Strings = column("U", "1", "name of that obstacle; empty: no obstacle")
 
     def check(self) -> None:
-        """Check that times are in order, and states are known."""
+        """InputError unless times are in order, and states are among `PATH_STATES`."""
         check_order(self)
         bad = ~np.isin(self.state, PATH_STATES)
         if bad.any():
@@ -212,10 +217,10 @@ END_TO_END = "end-to-end"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delays(ColumnTable):
-    """Messages between sensors, routers and a server, and their delays.
+    """Simulated messages between sensors, routers and a server, with their delays.
 
-    A row is a message with all of its packets; rows of the kind `end-to-end` are of a router, from the detection of its
-    objects to the last final estimate.
+    A row is a message with all of its packets. Rows of the kind `end-to-end` are for a router: from the detection of
+    its objects to the last final estimate.
     """
 
     NAME: ClassVar[str] = "delays"
@@ -236,7 +241,7 @@ class Delays(ColumnTable):
     air_s: Floats = column("f8", "s", "time on the air with acknowledgements, over all hops", nan="end-to-end")
 
     def check(self) -> None:
-        """Check that times are in order, and that no message arrives before it is sent."""
+        """InputError unless times are in order, and no delay is negative."""
         check_order(self)
         if (bad := self.delay_s < 0.0).any():
             row = first_row(bad)

@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class RunComparisonConfig(Settings):
-    """Distance for matching tracks of one person, and tolerance of divergence; lengths in the scene's unit."""
+    """Settings of the comparison of two runs: distances for matching and for divergence, in the scene's unit."""
 
     OWNER: ClassVar[str] = "two runs side by side"
 

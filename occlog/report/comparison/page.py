@@ -191,7 +191,7 @@ def _figure(row: ComparisonRow) -> dict[str, object]:
 
 
 def _step(found: RunComparisonPage, step: RunComparisonStep) -> dict[str, object]:
-    """Return time, tracks and distance of a time step, as far as known."""
+    """Return time, tracks and distance of a divergence by name, as far as known."""
     values: dict[str, object] = {"seconds": (step.t_ns - found.time.start_ns) / NS, "t_ns": step.t_ns}
     values |= {name: label for name, label in (("a", step.a), ("b", step.b)) if label is not None}
     return values | ({"distance": step.distance} if math.isfinite(step.distance) else {})

@@ -44,7 +44,12 @@ STYLES: dict[str, Style] = {
 
 
 class PersonLifeline(NamedTuple):
-    """A person with tracks in both runs over time."""
+    """A person's tracks in runs A and B over time.
+
+    Attributes:
+        name: name of the person in the plot.
+        a, b: intervals with the track of each, in run A and in run B.
+    """
 
     name: str
     a: tuple[Piece, ...]
@@ -57,9 +62,9 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
     Args:
         figure: is drawn into.
         time: axis.
-        found: errors.
-        near: a track meets a target this near: axes show a hundredth of it at least.
-        unit: of lengths.
+        found: errors over time.
+        near: match threshold [unit]; the axes of errors extend at least to a hundredth of it.
+        unit: unit of lengths.
     """
     errors, difference, missed = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.2, 1.2])
     both = np.flatnonzero(np.isfinite(found.a))
@@ -85,7 +90,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 
 
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
-    """Draw two bars for each person, of run A above B; the colour changes with the track."""
+    """Draw two bars for each person of `lives` into a figure, run A above B: a colour per track, a mark at changes."""
     axes = figure.add_subplot()
     for index, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
@@ -104,7 +109,7 @@ def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifelin
 
 
 def _bar(axes: Axes, time: TimeAxis, pieces: Sequence[Piece], y: float) -> None:
-    """Draw the intervals of one person in one run at the ordinate y, with track numbers where they fit."""
+    """Draw the intervals of one person in one run as a bar at the ordinate y, with track numbers where they fit."""
     tracks = list(dict.fromkeys(piece.track for piece in pieces))
     for before, piece in zip((None, *pieces), pieces, strict=False):
         start, end = time.of(np.array([piece.start_ns, piece.end_ns])).tolist()
@@ -124,10 +129,10 @@ PAIR_COLOURS = 6
 
 @dataclass(frozen=True, eq=False)
 class CommonMoments(ReplaySteps):
-    """Time steps common to both runs, with those that are kept.
+    """Replay of one run at times that are common to both runs.
 
     Attributes:
-        common: (M,) their times.
+        common: (M,) times that the page shows [ns].
     """
 
     common: Ints
@@ -139,19 +144,19 @@ class CommonMoments(ReplaySteps):
 
     @cached_property
     def same(self) -> bool:
-        """Whether tracks have the identities of the truth: never, as they are shown under their own numbers."""
+        """False: tracks are shown under their own numbers, not as the targets of the truth."""
         return False
 
 
 @dataclass(frozen=True)
 class RunComparisonReplay:
-    """Replay data of two runs for the page.
+    """Data of the replay of two runs in the page.
 
     Attributes:
-        json: what the script is given, safe inside a `<script>` element.
-        words: shown and skipped items, in sentences.
-        people: what can be switched off: name, number, colour (-1: none).
-        layers: what can be shown.
+        json: input of the script, safe inside a `<script>` element.
+        words: sentences about what is shown and what is skipped.
+        people: people that the reader can switch off: name, number, and index of the colour (-1: none).
+        layers: parts of the drawing that the reader can switch off.
     """
 
     json: str
@@ -161,11 +166,11 @@ class RunComparisonReplay:
 
 
 def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonReplay | None:
-    """Replay data of two runs; None with fewer than two time steps.
+    """Return the data of the replay of two runs; None with fewer than two time steps.
 
     Args:
-        found: the runs.
-        led_to: times [ns] that the page leads to.
+        found: the compared runs.
+        led_to: times [ns] that the page links to, which are kept.
     """
     times = found.times
     truth = found.a.data.truth
@@ -202,15 +207,18 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
 
 
 def name_of(person: Any) -> str:
-    """Label of a person's tracks: `A 3, 7 · B 5`."""
+    """Return the label of a person (`PersonPair`): the tracks in both runs, such as `A 3, 7 · B 5`."""
     sides = (("A", person.a), ("B", person.b))
     return " · ".join(f"{letter} {', '.join(map(str, labels))}" for letter, labels in sides if labels)
 
 
 def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
-    """Return the tables of a run that are drawn: estimates at the common times (M,), and occluder priors.
+    """Return the tables of a run that are drawn: estimates at the common times, and occluder priors.
 
-    `truth`: drawn too; None: there is none.
+    Args:
+        side: the run.
+        times: (T,) common times [ns].
+        truth: drawn as well; None: not.
     """
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
@@ -219,7 +227,7 @@ def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
 
 
 def _both(a: Floats, b: Floats) -> Floats:
-    """Return the corners (2, 2), low and high, of the bounding box of the plans `a` and `b` with such corners."""
+    """Return the bounding box of two boxes, each as corners (2, 2): lowest x and y, then highest."""
     return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
@@ -234,7 +242,10 @@ def _colours(found: RunComparisonPage) -> list[int]:
 
 
 def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
-    """Index of the partner, among B's targets, of each estimate of A at the kept time steps; NONE without."""
+    """Return, packed for the script, the partner of each estimate of A at the shown times: its index in B's targets.
+
+    `MISSING` is used without a partner.
+    """
     partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])
@@ -243,12 +254,15 @@ def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
 
 
 def _most(values: np.ndarray, frames: Ints) -> np.ndarray:
-    """Return the maxima (M,) of `values` (F,) since the previous kept frame; `frames` (M,) are the kept ones."""
+    """Return the maxima (M,) of `values` (F,) over the frames since the previous of the kept `frames` (M,)."""
     return np.asarray(np.maximum.reduceat(values, np.concatenate([[0], frames[:-1] + 1])))
 
 
 def _changes(found: RunComparisonPage, start: int) -> list[float]:
-    """Return the times of identity changes in either run [s] after `start` [ns], evenly thinned if there are many."""
+    """Return the times of identity changes in either run, in seconds after `start` [ns].
+
+    They are evenly thinned if there are more than `MAX_EVENTS`.
+    """
     changes = [change for each in followed(found) for change in each.changes]
     times = np.unique(np.array([change.t_ns for change in changes], dtype=np.int64))
     some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_EVENTS)).round().astype(int))]

@@ -48,7 +48,14 @@ WHOLE = ("tracks", "diagnostics", "occluders")
 
 
 class ReportRun(NamedTuple):
-    """One of two runs: name, table of tracks, and content for the report."""
+    """One of two compared runs.
+
+    Attributes:
+        name: name of the run.
+        file: path of its tracks.
+        tracks: all tracks.
+        data: content for the report.
+    """
 
     name: str
     file: Path
@@ -57,7 +64,7 @@ class ReportRun(NamedTuple):
 
 
 def names_of(a: Path, b: Path) -> tuple[str, str]:
-    """Return names of two runs: the shortest ends of their paths that distinguish them."""
+    """Return names of two runs: the shortest ends of their paths in which they differ."""
     ways = []
     for path in (a, b):
         whole = Path(os.path.abspath(path))  # noqa: PTH100  # links keep their names
@@ -70,11 +77,13 @@ def names_of(a: Path, b: Path) -> tuple[str, str]:
 
 
 def files_of(run: Path, shared: PageRequest) -> PageRequest:
-    """Files of a run; UsageError for a recording, InputError for tracks in images.
+    """Return the request of a page of one run, with the files found in its folder.
+
+    UsageError for a recording, InputError for tracks in images.
 
     Args:
         run: a run folder or a table of tracks.
-        shared: further inputs, of both runs.
+        shared: request with further inputs, which are of both runs.
     """
     found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
@@ -88,9 +97,9 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 
 
 def open_run(name: str, paths: PageRequest) -> ReportRun:
-    """Open all files of the run `name`; InputError if it has no estimates, or more than `MAX_ROWS`.
+    """Read all files of a run; InputError if it has no estimates, or more than `MAX_ROWS`.
 
-    `paths`: request of a page of the run.
+    `name`: name of the run in the page; `paths`: request with its files.
     """
     file = paths.tracks
     assert file is not None
@@ -110,7 +119,7 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
 
 
 def check_scenes(a: ReportRun, b: ReportRun) -> None:
-    """InputError if two runs have different length units or rooms."""
+    """Raise InputError if two runs have different length units or rooms."""
     if a.data.unit != b.data.unit:
         raise InputError(
             f"{b.file}: lengths are in {b.data.unit}, those of {a.file} in {a.data.unit}; name two runs of one scene",
@@ -123,9 +132,9 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """Return path and content of the truth of both runs; None without one, or without targets in it.
+    """Return path and content of the truth that both runs have; None without a truth, or without targets in it.
 
-    `unit`: of lengths; InputError for another one, or if the runs have different truths.
+    InputError if the runs have different truths, or for another length unit. `unit`: that of the runs.
     """
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
@@ -182,14 +191,14 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
 def align_runs(
     a: ReportRun, b: ReportRun, truth: tuple[Path, Truth] | None, config: RunComparisonConfig, seed: int
 ) -> RunComparisonPage:
-    """Compare two runs.
+    """Compare two runs: pairs, divergences, identity changes, and figures against the truth; return the page's content.
 
     Args:
         a: run A.
         b: run B.
-        truth: of both, and its file; None: it is not known.
-        config: with lengths.
-        seed: of the draws of the comparison.
+        truth: file and content of the truth of both; None: unknown.
+        config: match threshold, divergence distance, and least duration of changes.
+        seed: seed of the random draws of the statistical comparison.
     """
     near, tolerance, lasting = config.match_distance, config.divergence_distance, round(config.min_duration_s * NS)
     assert near is not None
@@ -238,7 +247,7 @@ def _made(run: ReportRun) -> dict[str, object]:
 def _provenance(
     request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
 ) -> dict[str, object]:
-    """Return the provenance of this page, and of the tables of both runs."""
+    """Return the provenance of this page and of the tables of both runs, as JSON-ready values."""
     own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
     return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

@@ -26,7 +26,7 @@ MOVED = 1e-6
 
 
 def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
-    """Whether two tables have the same rows in the same order; NaN equals NaN."""
+    """Return whether two tables have the same rows in the same order; NaN equals NaN."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())
@@ -39,16 +39,16 @@ def matched_by_truth(
     """Compare both runs with the truth in all true frames.
 
     Args:
-        a: run A.
-        b: run B.
+        a: tracks of run A.
+        b: tracks of run B.
         truth: with targets.
-        near: a track meets a target this near.
-        unit: of lengths.
-        lasting_ns: shorter pieces are skipped.
+        near: match threshold.
+        unit: unit of lengths.
+        lasting_ns: shorter pieces of tracks on a target are skipped [ns].
 
     Returns:
-        The tracks of each run matched to each true target, identity switches of each run as CLEAR-MOT counts them,
-        and errors over time.
+        The tracks of each run matched to each true target over time, identity switches of each run as CLEAR-MOT counts
+        them, and errors over time.
     """
     config, limit = MultiTargetConfig(match_distance=near), EvaluateConfig().limit_ns
     times: Ints = times_of(a, truth)
@@ -64,7 +64,7 @@ def matched_by_truth(
 
 
 def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
-    """Generate notes on times that only one run covers; `truth`: figures are compared with one."""
+    """Generate notes on times that only one of both runs covers; `truth`: whether there are figures against a truth."""
     spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
     step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
     start, end = max(s for s, _ in spans), min(e for _, e in spans)
@@ -81,7 +81,7 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
 
 
 def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
-    """Generate notes on runs with tracks that are never on a true target, thus within `near` (in `unit`) of it."""
+    """Generate notes on runs with tracks that are never within the match threshold `near` [unit] of a true target."""
     for letter, unmatched in zip(("A", "B"), found.on_unmatched, strict=True):
         if unmatched:
             yield (
@@ -91,21 +91,20 @@ def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[st
 
 
 def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
-    """Names, by SHA-256, of the recordings from which tables of a run were made; empty if not stated.
+    """Return the names, by SHA-256, of the recordings that a run was made from; empty if not stated.
 
-    Args:
-        made: provenance of each table, as JSON-ready values.
+    `made`: provenance of each of its tables, as JSON-ready values.
     """
     each = [inputs for one in made.values() if isinstance(one, Mapping) for inputs in one.get("inputs", ())]
     return {one["sha256"]: one["name"] for one in each if one["name"].endswith(".mcap")}
 
 
 def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
-    """Notes on runs of different recordings: their differences may not be due to the methods.
+    """Generate a note if the runs were made from different recordings, so that differences may not be due to methods.
 
     Args:
         a: names of the recordings of A by SHA-256.
-        b: those of B.
+        b: names of the recordings of B by SHA-256.
     """
     if a and b and not set(a) & set(b):
         texts = (", ".join(f"{name} ({sha[:8]})" for sha, name in sorted(each.items())) for each in (a, b))
@@ -113,7 +112,7 @@ def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
-    """Generate notes on sensors that are in one scene only, and on those with another position; None: unknown."""
+    """Generate notes on sensors in one scene only, and on sensors with different positions; None: scene unknown."""
     if a is None or b is None:
         return
     own, other = ({s.name: s for s in scene.sensors} for scene in (a, b))
@@ -130,7 +129,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:
-    """Whether two scenes can be of one site, by their rooms, else by a common sensor; True if one is unknown."""
+    """Return whether two scenes can be of one site: by equal rooms, else by a common sensor; True if one is unknown."""
     if a is None or b is None:
         return True
     if a.room is not None and b.room is not None:

@@ -35,13 +35,13 @@ from .matching.pairs import AlignedEstimates, MatchedRuns, Piece, RunPairs, Trac
 
 @dataclass(frozen=True, eq=False)
 class RunSide:
-    """One side of the comparison.
+    """One of the two compared runs.
 
     Attributes:
-        name: other than that of the other run.
-        data: everything that a report shows of it.
+        name: different from that of the other run.
+        data: content of a report of it.
         tracks: all its estimates.
-        laid: those in the common frames.
+        laid: its estimates in the common frames.
     """
 
     name: str
@@ -52,13 +52,13 @@ class RunSide:
 
 @dataclass(frozen=True, eq=False)
 class TruthComparison:
-    """Comparison of both runs with the truth.
+    """Comparison of runs A and B with the truth.
 
     Attributes:
-        comparison: figures with their differences, of `occlog compare`.
-        a, b: tracks matched to each true target.
+        comparison: metrics of both with differences and tests, as of `occlog compare`.
+        a, b: tracks matched to each true target over time.
         switches: identity switches of A and of B, as CLEAR-MOT counts them.
-        over_time: errors.
+        over_time: errors over time.
     """
 
     comparison: MetricComparison
@@ -70,21 +70,21 @@ class TruthComparison:
 
 @dataclass(frozen=True, eq=False)
 class RunComparisonPage:
-    """Comparison of two runs: content of the page.
+    """Content of the page that compares runs A and B.
 
     Attributes:
         title: heading of the page.
         a, b: the runs.
-        near: a track meets a target, or a track of the other run, this near.
-        tolerance: partners that are farther from each other have parted.
-        lasting_s: changes of track that last less are not given.
-        times: (T,) common frames [ns].
-        pairs: of the runs.
-        frame_divergences: where they part.
-        in_b, in_a: tracks of B matched to each one of A, and the other way round.
-        against_truth: what the truth states; None: missing.
-        same: every estimate is the same, to the last digit.
-        notes: mismatches: time spans, sensors with other positions.
+        near: match threshold of a track with a target, or with a track of the other run.
+        tolerance: partners that are farther apart than this diverge.
+        lasting_s: changes of track that last less are not listed [s].
+        times: (T,) times of the common frames [ns].
+        pairs: per-frame pairs of the runs.
+        frame_divergences: frames and people in which they diverge.
+        in_b, in_a: tracks of B matched to each track of A over time, and tracks of A matched to those of B.
+        against_truth: comparison with the truth; None: no truth.
+        same: whether all estimates are equal, to the last digit.
+        notes: mismatches of time spans, recordings or scenes, for the reader.
         provenance: how everything was made, as JSON-ready values.
     """
 
@@ -132,11 +132,13 @@ class RunComparisonPage:
 
 
 def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
-    """Matching distance and tolerance in the scene's unit; UsageError without value or default.
+    """Return the match threshold and the divergence distance in the scene's unit.
+
+    UsageError if one is neither given nor has a default (lengths in an unknown unit).
 
     Args:
         config: as given, in the scene's unit; None for a default.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     if unit in METRES:
         usual = RunComparisonConfig.in_unit(unit)
@@ -178,7 +180,17 @@ MAX_PIECES = 8
 
 
 class FigureRow(NamedTuple):
-    """Row of the page's table of figures, as text: values of both runs, difference, interval, p, verdict."""
+    """Row of the page's table of figures; all cells are text.
+
+    Attributes:
+        name: name of the figure.
+        meaning: meaning of the figure in words.
+        a, b: values in runs A and B.
+        difference: B minus A.
+        interval: confidence interval of the difference.
+        p: p-value of the difference.
+        verdict: whether the runs differ, in words.
+    """
 
     name: str
     meaning: str
@@ -191,7 +203,15 @@ class FigureRow(NamedTuple):
 
 
 class DivergenceRow(NamedTuple):
-    """Row of the page's table of divergences: kind, first time [s], tracks, distance, and how often."""
+    """Row of the page's table of divergences.
+
+    Attributes:
+        what: kind of divergence.
+        seconds: first time [s since the start]; None: it does not occur.
+        who: tracks concerned at that time.
+        distance: distance with unit.
+        often: number of occurrences, in words.
+    """
 
     what: str
     seconds: float | None
@@ -201,14 +221,22 @@ class DivergenceRow(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A track with the interval in which it is matched to a person; `seconds`: its start, None for skipped ones."""
+    """Cell with a track that is matched to a person, and its interval, as text.
+
+    `seconds`: start of it [s], None: unlinked.
+    """
 
     text: str
     seconds: float | None
 
 
 class IdentityRow(NamedTuple):
-    """A person with the matched tracks of both runs."""
+    """Row of the page's table of identities.
+
+    Attributes:
+        who: the person.
+        a, b: tracks matched to the person in runs A and B.
+    """
 
     who: str
     a: list[Cell]
@@ -216,7 +244,15 @@ class IdentityRow(NamedTuple):
 
 
 class ChangeRow(NamedTuple):
-    """Row of the page's table of changes: time [s], run, person, tracks before and after, and the other run's."""
+    """Row of the page's table of identity changes.
+
+    Attributes:
+        seconds: time [s since the start].
+        run: name of the run.
+        who: the person.
+        before, after: tracks before and after the change.
+        other: whether the other run has the change, too, in words.
+    """
 
     seconds: float
     run: str
@@ -227,12 +263,12 @@ class ChangeRow(NamedTuple):
 
 
 def seconds(found: RunComparisonPage, t_ns: int) -> float:
-    """Return a time as seconds since the page's start, rounded to microseconds."""
+    """Return the time `t_ns` [ns] as seconds since the page's start, rounded to microseconds."""
     return round((t_ns - found.time.start_ns) / NS, 6)
 
 
 def format_time(found: RunComparisonPage, t_ns: int) -> str:
-    """Return a time as the page prints it: seconds since its start, with unit."""
+    """Return the time `t_ns` [ns] as text: seconds since the page's start, with unit."""
     return f"{seconds(found, t_ns):.2f} s"
 
 
@@ -250,7 +286,7 @@ def comparison_heading(found: RunComparisonPage) -> str:
 
 
 def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
-    """Line about which figures are better and which are worse."""
+    """Return a line that names the figures in which run B is better, and those in which it is worse."""
     decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
     if decided:
         return f"B is {' and '.join(decided)}"
@@ -306,7 +342,7 @@ def _of_figures(found: RunComparisonPage) -> list[str]:
 
 
 def first_divergence(found: RunComparisonPage) -> str:
-    """Sentence about the first divergence of the runs."""
+    """Return a sentence about the first divergence of the runs."""
     first, measure = found.frame_divergences.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
         return (
@@ -358,7 +394,7 @@ def of_identities(found: RunComparisonPage) -> str:
 
 
 def followed(found: RunComparisonPage) -> tuple[MatchedRuns, MatchedRuns]:
-    """Tracks of A and B matched to true targets, or without a truth to each other."""
+    """Return the tracks of A and of B matched to true targets over time, or without a truth to each other."""
     truth = found.against_truth
     return (found.in_a, found.in_b) if truth is None else (truth.a, truth.b)
 
@@ -373,7 +409,7 @@ def lasting_ns(found: RunComparisonPage) -> int:
 
 
 def verdict_words(side: RunSide) -> tuple[str, bool]:
-    """Outcome of a run's checks in a line, and whether it is plausible."""
+    """Return the outcome of a run's consistency checks as a line, and whether it is plausible (True without checks)."""
     return verdict_heading(side.data.verdicts), side.data.plausible is not False
 
 
@@ -403,7 +439,10 @@ def basis_sentence(found: RunComparisonPage) -> str:
 
 
 def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
-    """Figures stored by `evaluate` in both run folders: name, A, B, unit."""
+    """Return the figures that `evaluate` has stored in both run folders, as text: name, value of A, of B, unit.
+
+    Empty if a run has none.
+    """
     values = [_values(side, found.unit) for _, side in found.sides]
     if not all(values):
         return []
@@ -412,13 +451,16 @@ def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
 
 
 def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
-    """Figures of a run that have labels, by group, name and unit."""
+    """Return the stored figures of a run that have a name in words: value as text by (group, name, unit)."""
     known = [group for group in groups(side.data.metrics, unit) if group.title != "Other figures"]
     return {(group.title, f.name, f.unit): f.value for group in known for f in group.figures}
 
 
 def divergence_rows(found: RunComparisonPage) -> list[DivergenceRow]:
-    """Table rows of divergences: one per kind (first step, how often), the largest distance, the longest sections."""
+    """Return the rows of the table of divergences.
+
+    One row per kind (first time, how often), then the largest distance, and the longest sequences of diverged frames.
+    """
     out = []
     for kind in found.frame_divergences.kinds:
         often = f"{kind.frames} of {counted(found.frame_divergences.frames, 'frame')}" if kind.frames else "never"
@@ -442,7 +484,10 @@ def _row(found: RunComparisonPage, what: str, step: RunComparisonStep | None, of
 
 
 def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
-    """Table rows of matched tracks, people with differing tracks first; and the number of omitted ones."""
+    """Return the rows of the table of matched tracks, people with several tracks first.
+
+    And the number of omitted rows.
+    """
     rows = []
     truth = found.against_truth
     if truth is not None:
@@ -461,7 +506,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """Return the number of tracks of a person after the first one."""
+    """Return the number of different tracks in a person's intervals `pieces`, without the first one; at least 0."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 
@@ -477,7 +522,7 @@ def _cells(found: RunComparisonPage, pieces: Sequence[Piece]) -> list[Cell]:
 
 
 def change_rows(found: RunComparisonPage) -> tuple[list[ChangeRow], int]:
-    """Table rows of track changes in the order of time; and the number of omitted ones."""
+    """Return the rows of the table of identity changes in the order of time; and the number of omitted rows."""
     truth, rows = found.against_truth, list[tuple[int, ChangeRow]]()
     if truth is not None:
         for letter, own, other in (("A", truth.a, truth.b), ("B", truth.b, truth.a)):
@@ -496,7 +541,7 @@ def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, a
 
 
 def consequence_of_change(found: RunComparisonPage) -> list[int]:
-    """Times [ns] of common frames to which the page links, kept in the replay."""
+    """Return the times [ns] of common frames that the page links to and the replay therefore keeps."""
     steps = [kind.first.t_ns for kind in found.frame_divergences.kinds if kind.first is not None]
     steps += [found.frame_divergences.farthest.t_ns] if found.frame_divergences.farthest is not None else []
     steps += [segment.start_ns for segment in found.frame_divergences.segments]

@@ -20,14 +20,14 @@ KINDS = ("bound", "smoothed")
 
 
 def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
-    """Return errors and bounds of a target at common times.
+    """Return the errors (n,) and bounds (n,) of a target at the n times that have both.
 
     Args:
-        errors: of all targets.
-        bound: of all targets.
-        target: its label.
-        kind: column of the bound: `bound` or `smoothed`.
-        where: end of the columns: empty on the ground, `_space` in space.
+        errors: errors of all targets.
+        bound: bound of all targets.
+        target: its identity.
+        kind: column of the bound: `bound` (filtering) or `smoothed`.
+        where: ending of the columns: empty on the ground, `_space` in space.
     """
     error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
     mine = (errors.target_id == target) & np.isfinite(error)
@@ -38,7 +38,14 @@ def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: s
 
 @dataclass
 class _Sums:
-    """Sums of squares of errors and bounds at common times."""
+    """Sums of squares of errors and bounds at times when a target has both.
+
+    Attributes:
+        rows: number of such times.
+        errors: sum of squared errors.
+        bounds: sum of squared bounds.
+        known: whether any bound of this kind is known.
+    """
 
     rows: int = 0
     errors: Sum = field(default_factory=Sum)
@@ -48,7 +55,13 @@ class _Sums:
 
 @dataclass
 class _BoundSoFar:
-    """Running sum of squares of a target's bounds."""
+    """Running sum of squares of a target's bounds.
+
+    Attributes:
+        rows: number of rows so far.
+        squares: sum of squares by kind of bound (`KINDS`).
+        smoothed: whether the bound of smoothing is known in all rows so far.
+    """
 
     rows: int = 0
     squares: dict[str, Sum] = field(default_factory=lambda: {kind: Sum() for kind in KINDS})
@@ -56,7 +69,7 @@ class _BoundSoFar:
 
 
 class ErrorsAgainstBound:
-    """Accumulates errors and bounds over streams, in sections of the same time."""
+    """Accumulates errors and bounds of each target at common times, over two streams read in step."""
 
     def __init__(self) -> None:
         """Create statistics without errors and bounds."""
@@ -64,9 +77,10 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Add a section; return root mean square bounds (N, 2) so far, filtering and smoothing, for each of its N rows.
+        """Add errors and bounds of a time interval.
 
-        Each is of the row's target, over the rows up to it.
+        Return the running root mean square of the N rows of the bound (N, 2). It is over all rows of the same target so
+        far, for the bounds of filtering and of smoothing.
         """
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
@@ -94,12 +108,12 @@ class ErrorsAgainstBound:
         sums.known = sums.known or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
 
     def figures(self, target: int | None = None, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
-        """RMSE and root mean square bound over common times and targets; NaN without any.
+        """Return RMSE and root mean square bound over common times and targets; NaN without any.
 
         Args:
-            target: of which they are; None: of all.
-            where: "_space": in space; empty: on the ground.
-            smoothed: the bound of smoothing, where it is known.
+            target: only this one; None: all.
+            where: `_space`: in space; empty: on the ground.
+            smoothed: use the smoothing bound, if it is known.
         """
         mine = {key: sums for key, sums in self._sums.items() if key[2] == where and target in (None, key[0])}
         later = smoothed and any(sums.known for (_, kind, _), sums in mine.items() if kind == "smoothed")
@@ -113,7 +127,7 @@ class ErrorsAgainstBound:
         )
 
     def smooths(self, target: int) -> bool:
-        """Whether the smoothing bound of a target is known at all times."""
+        """Return whether the smoothing bound of a target is known at all times."""
         return target in self._targets and self._targets[target].smoothed
 
 
@@ -122,22 +136,23 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have their own identities, by the result `found` of `matching_tracks`."""
+    """Return whether tracks have identities of their own, other than those of their targets.
+
+    `found`: track by target, the result of `matching_tracks`.
+    """
     return any(target != track for target, track in found.items())
 
 
 def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
-    """Track identity of each true target in the errors, by common estimates.
-
-    An error is matched to the estimate with its time and position.
+    """Return the track that each true target's errors are of, found by estimates with equal time and position.
 
     Args:
-        errors: of `occlog evaluate`, or some of them.
+        errors: errors of `occlog evaluate`, or some of them.
         tracks: in the order of time, or some of their times.
 
     Returns:
-        By target its track; None where errors of one target are of several tracks.  A target is skipped if no
-        estimate of its errors is among the tracks.
+        Track by target; None if the errors of one target belong to several tracks. A target is missing if none of its
+            estimates is among the tracks.
     """
     out: dict[int, int | None] = {}
     shared = np.isin(errors.t_ns, tracks.t_ns)
@@ -161,22 +176,22 @@ MARKS = 300
 
 
 def has_particles(diagnostics: Diagnostics) -> bool:
-    """Whether the diagnostics are of a particle filter."""
+    """Return whether the diagnostics are of a particle filter (they have effective sample sizes)."""
     return bool(np.isfinite(diagnostics.ess).any())
 
 
 def deviation(tracks: Tracks) -> Floats:
-    """(T,) standard deviation of the position: square root of the trace of the covariance."""
+    """Return the standard deviation (T,) of each of T positions: square root of the trace of the covariance."""
     return np.sqrt(tracks.cov_xx + tracks.cov_yy)
 
 
 @dataclass(frozen=True, eq=False)
 class Fallbacks:
-    """Fallbacks of one kind: number and times.
+    """Fallbacks of one kind in the filter diagnostics.
 
     Attributes:
-        rows: how many there are.
-        t_ns: (M,) times of those that are drawn: where there are very many, every k-th.
+        rows: number of all.
+        t_ns: (M,) times [ns] of those that are drawn: all, or every k-th if there are many.
     """
 
     rows: int
@@ -185,15 +200,15 @@ class Fallbacks:
 
 @dataclass(frozen=True, eq=False)
 class FilterDiagnostics:
-    """Summary of all diagnostics.
+    """Summary of all filter diagnostics.
 
     Attributes:
-        rows: how many there are.
+        rows: number of all rows.
         particles: whether they are of a particle filter.
-        lowest: effective sample size.
-        fallbacks: by their kind, which rise.
-        doubtful: rows with a quality flag.
-        doubts: kinds of quality flags, rising.
+        lowest: smallest effective sample size.
+        fallbacks: by kind, sorted.
+        doubtful: number of rows with a quality flag.
+        doubts: kinds of quality flags, sorted.
     """
 
     rows: int
@@ -208,7 +223,7 @@ class FilterDiagnosticsStreams:
     """Accumulated filter diagnostics: fallbacks with their times, quality flags, least effective sample size."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
-        """Create empty statistics; `in_memory`: times of fallbacks kept of each kind."""
+        """Create empty statistics; `in_memory`: how many times of each kind of fallback stay in memory."""
         self._in_memory = in_memory
         self._rows = self._doubtful = 0
         self._particles, self._lowest = False, np.inf

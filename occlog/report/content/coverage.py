@@ -26,21 +26,21 @@ MAX_SENSORS, MAX_TARGETS = 60, 6
 
 
 def scene_order(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
-    """Names of a scene's sensors in order, then others of those found."""
+    """Return the names of a scene's sensors (cameras, then arrays), then those of `found` that it lacks."""
     known = [] if scene is None else [c.name for c in scene.cameras] + [a.name for a in scene.arrays]
     return (*known, *(n for n in found if n not in known))
 
 
 @dataclass(frozen=True, eq=False)
 class SensorSightings:
-    """Frames of one sensor, and how many of them detected the target.
+    """Frames of one sensor over time, and how many of them detected a target.
 
     Attributes:
         sensor: its name.
-        edges: (C + 1,) borders of the cells [ns].
-        observed: (C,) frames in each cell; 0 = no frame.
-        seen: (C,) frames in each cell that saw the target.
-        any_object: whether they report candidates that may be of any object, not of a named target.
+        edges: (C + 1,) borders of C time intervals [ns].
+        observed: (C,) number of frames in each interval.
+        seen: (C,) number of frames in each interval that detected the target.
+        any_object: whether detections are unlabelled, so that they may be of any object.
     """
 
     sensor: str
@@ -51,7 +51,7 @@ class SensorSightings:
 
     @property
     def share(self) -> float:
-        """Share of the frames with a detection of the target; NaN without frames."""
+        """Share of the frames that detected the target, 0 to 1; NaN without frames."""
         frames = int(self.observed.sum())
         return float(self.seen.sum()) / frames if frames else float("nan")
 
@@ -61,7 +61,7 @@ def _nothing(sensor: str) -> SensorSightings:
 
 
 class _Cells:
-    """Counts of observations in `CELLS` intervals of equal length."""
+    """Counts of frames and detections in `CELLS` intervals of equal length between two times [ns]."""
 
     def __init__(self, first: int, end: int) -> None:
         self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
@@ -74,15 +74,18 @@ class _Cells:
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
-    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period.
+    """Divide time into intervals in which a frame lasts, and gaps.
+
+    A frame lasts until the next one, at most 1.5 times the usual period.
 
     Args:
         times: (n,) of the frames, rising [ns].
-        seen: (n,) whether the target is seen.
+        seen: (n,) whether the target is detected.
         period: usual time between frames [ns].
 
     Returns:
-        Borders (m + 1,) of intervals [ns], and for each (m,) whether a frame lasts, and whether it sees the target.
+        Borders (m + 1,) of intervals [ns], and for each (m,) 1 if a frame lasts, and 1 if it detects the target, else
+            0.
     """
     longest = period + period // 2
     ends = np.append(np.minimum(times[1:], times[:-1] + longest), times[-1] + period)
@@ -95,14 +98,14 @@ def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Int
 
 @dataclass(frozen=True, eq=False)
 class ObservationCoverage:
-    """Summary of all bearings.
+    """Summary of all bearings: which sensor detected which target when.
 
     Attributes:
-        rows: how many there are.
-        seen: how many of them saw something.
-        sensors: rows of each sensor, and those that saw something, by rising name.
-        labels: targets that they are labelled with, ascending.
-        found: sightings of a sensor and a target.
+        rows: number of bearings, detections or not.
+        seen: number of detections.
+        sensors: for each sensor the number of bearings and of detections, sorted by name.
+        labels: identities of the targets that they are labelled with, ascending; -1: unlabelled.
+        found: frames and detections over time, by (sensor, target).
     """
 
     rows: int
@@ -113,11 +116,11 @@ class ObservationCoverage:
 
     @property
     def watched(self) -> tuple[int, ...]:
-        """Targets with labelled bearings; -1 (any object) only if there is no other."""
+        """Labels of bearings except -1 (any object); -1 only if there is no other."""
         return tuple(i for i in self.labels if i != UNLABELLED) or self.labels
 
     def sightings(self, sensor: str, target: int) -> SensorSightings:
-        """Frames of one sensor that should detect a target."""
+        """Return frames and detections over time of one sensor and target; without intervals if there are none."""
         return self.found.get((sensor, target)) or _nothing(sensor)
 
 
@@ -157,12 +160,12 @@ class ObservationStreams:
             self._records.append(np.concatenate(parts))
 
     def _frames(self, number: int, t_ns: Ints, seen: Bools) -> Records:
-        """Return records of the frames of a sensor for a target; several candidates in one frame are one record.
+        """Return records of the frames of a sensor for a target; several bearings in one frame give one record.
 
         Args:
-            number: of the pair of sensor and target.
+            number: number of the pair of sensor and target, in the order of first use.
             t_ns: (n,) times, rising [ns].
-            seen: (n,) whether the target is seen.
+            seen: (n,) whether the bearing is a detection.
         """
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
@@ -178,7 +181,7 @@ class ObservationStreams:
 
     @property
     def labels(self) -> tuple[int, ...]:
-        """Targets that have labelled bearings, sorted."""
+        """Labels of bearings so far, sorted; -1: unlabelled."""
         return tuple(sorted({label for _, label in self._pairs}))
 
     @property
@@ -187,7 +190,10 @@ class ObservationStreams:
         return tuple(sorted(self._sensors))
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
-        """Summary of all bearings, with the observations of some sensors and targets."""
+        """Return the summary of all bearings, with frames and detections over time of the named sensors and targets.
+
+        For a sensor without labelled bearings its unlabelled ones are used.
+        """
         self._records.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
         named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
@@ -207,7 +213,10 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Return interval borders, observations and detections of the `wanted` pairs of sensor and target, by pair."""
+        """Return interval borders [ns], and counts of frames and detections in each, for the `wanted` numbers of pairs.
+
+        A pair is a sensor and a label of bearings.
+        """
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._records.count):
@@ -247,16 +256,16 @@ Cameras = frozenset[str]
 
 @dataclass(frozen=True, eq=False)
 class Selections:
-    """Camera selections for one target.
+    """Camera selections for one target (methods that select cameras).
 
     Attributes:
-        count: how many there are.
-        times: (n + 1,) times of those that are drawn, and the last scan [ns].
-        chosen: n, the cameras of each.
-        shares: of the time from the first selection to the last scan for which each camera was selected.
-        expected: RMS of the error expected at selections.
-        found: RMS of the error right then; NaN: unknown.
-        what: `error`, `stated spread`, or nothing if that is not known.
+        count: number of selections.
+        times: (n + 1,) times [ns] of the n selections that are drawn, and of the last scan.
+        chosen: names of the selected cameras of each of the n.
+        shares: by camera, the share of the time from the first selection to the last scan for which it was selected.
+        expected: RMS of the position error predicted at selections.
+        found: RMS of the actual error at these times; NaN: unknown.
+        what: what `found` is: `error`, `stated spread` (by the covariance), or empty if unknown.
     """
 
     count: int
@@ -270,6 +279,20 @@ class Selections:
 
 @dataclass
 class _SelectionTarget:
+    """Running statistics of the camera selections for one target.
+
+    Attributes:
+        count: number of selections.
+        expected: sum of squares of the predicted position errors.
+        first: time of the first selection [ns].
+        since: time of the current selection [ns], and its cameras.
+        last: time of the last scan [ns].
+        selected_ns: how long each camera was selected [ns], by name.
+        times: times of the selections that are drawn [ns].
+        chosen: cameras of each of these selections.
+        found: number and sum of squares of actual errors, by kind (`error`, `stated spread`).
+    """
+
     count: int = 0
     expected: Sum = field(default_factory=Sum)
     first: int = 0
@@ -281,14 +304,14 @@ class _SelectionTarget:
     found: dict[str, tuple[int, Sum]] = field(default_factory=dict)
 
     def hold(self, until: int) -> None:
-        """Add the duration until a time to the current selection."""
+        """Add the duration up to the time `until` [ns] to the cameras of the current selection."""
         begin, cameras = self.since
         for name in cameras:
             self.selected_ns[name] = self.selected_ns.get(name, 0) + until - begin
 
 
 class SelectionStreams:
-    """Accumulates camera selections over a stream of diagnostics, with their outcomes from errors or tracks."""
+    """Accumulates camera selections over a stream of filter diagnostics, with the actual errors at these times."""
 
     def __init__(self, every: int = 1) -> None:
         """Start without selections; every `every`-th one is drawn."""
@@ -317,9 +340,11 @@ class SelectionStreams:
             own.last = int(part.t_ns[mine][-1])
 
     def came_out(self, part: Diagnostics, companion: Errors | Tracks) -> None:
-        """Add the squared errors, or the covariances of tracks, at the times of selections.
+        """Add the squared errors, or the traces of the covariances of tracks, at the times of selections.
 
-        `part`: diagnostics; `companion`: errors or tracks of the same time interval.
+        Args:
+            part: diagnostics of a time interval.
+            companion: errors or tracks of the same interval.
         """
         finite = np.isfinite(part.predicted_mse)
         for target in np.unique(part.target_id[finite]).tolist():

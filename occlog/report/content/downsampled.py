@@ -26,22 +26,22 @@ MAX_ROWS = 200_000
 MAX_TIME_STEPS = 10_000
 """Time steps of a replay."""
 MAX_SHOWN = 45_000
-"""Estimates, and true positions, of all time steps of a replay."""
+"""Estimates of all time steps of a replay, at most, and as many true positions."""
 MAX_MOVING = 40
 """Moving objects that are no targets and are drawn."""
 
 
 @dataclass(frozen=True)
 class TableTotals:
-    """Number and times of all rows of a table, of which a part is drawn.
+    """Number and times of all rows of a table, of which a part may be drawn.
 
     Attributes:
-        rows: how many there are.
-        times: how many times they are of.
-        every: every n-th of these is drawn.
-        at: (T,) these times, of which all rows are drawn.
-        step_ns: the usual time between two of all times; a second where there are fewer.
-        span_ns: the first and the last of all times.
+        rows: number of rows.
+        times: number of distinct times.
+        every: every k-th of these times is drawn.
+        at: (T,) the times [ns] of which all rows are drawn.
+        step_ns: median interval of all times [ns]; a second with fewer than two.
+        span_ns: first and last of all times [ns].
     """
 
     rows: int
@@ -54,12 +54,12 @@ class TableTotals:
 
 @dataclass(frozen=True, eq=False)
 class DownsampledTable(Generic[T]):
-    """A table with the rows that are kept.
+    """The rows of a table that are kept for drawing.
 
     Attributes:
-        table: the rows that are kept.
-        rows: (n,) their positions in the whole.
-        whole: figures of all rows.
+        table: these rows.
+        rows: (n,) their row numbers in the whole table.
+        whole: number and times of all rows.
     """
 
     table: T
@@ -70,14 +70,17 @@ class DownsampledTable(Generic[T]):
 def downsample(
     chunks: Iterable[T], kind: type[T], rows: int, most: int = MAX_ROWS, *, also: Ints | None = None, ends: bool = True
 ) -> DownsampledTable[T]:
-    """Select rows by the rule of this module.
+    """Select the rows of a table that are drawn: all rows of every k-th time, and some others.
+
+    The others are those at the times `also`, with `ends` the first and last row of each target, and of errors the
+    largest of each target between kept times.
 
     Args:
         chunks: the table in the order of time.
-        kind: the table.
-        rows: how many it has.
-        most: how many of them are to be kept, about.
-        also: (K,) times with rows that are kept, too.
+        kind: its type.
+        rows: number of its rows.
+        most: approximate number of rows to keep.
+        also: (K,) times [ns] with rows that are kept, too.
         ends: whether the first and the last row of each target are kept.
     """
     every = max(-(-rows // most), 1)
@@ -115,12 +118,12 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """Return the downsampled table with the rows that `pick` selects from each chunk added, in their places.
+    """Return the downsampled table with further rows inserted in their places.
 
     Args:
         found: table so far.
-        chunks: all rows of the whole table, once more.
-        pick: returns row numbers in a chunk.
+        chunks: all rows of the whole table, read once more.
+        pick: returns the row numbers, within a chunk, of the rows to add.
     """
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
@@ -133,17 +136,27 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 
 
 def kept_steps(times: int, rows: Iterable[int]) -> int:
-    """Interval k of the kept times, for a number of times and rows."""
+    """Return the smallest k such that every k-th time step keeps a replay within its limits.
+
+    The limits are `MAX_TIME_STEPS` times, and `MAX_SHOWN` rows of each table. `times`: number of times; `rows`: number
+    of rows of each table.
+    """
     return max(1, -(-times // MAX_TIME_STEPS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
-    """Rows at a kept time step, or since the previous kept one, and the time step of each.
+    """Return the rows that a replay shows, and the index of the time step of each.
+
+    A row belongs to the kept time step at its time, or else to the next one less than `period_ns` later; other rows are
+    not shown.
 
     Args:
-        kept: (M,) time steps.
-        period_ns: the usual time between two times.
-        t_ns: (N,) times of rows.
+        kept: (M,) rising times of the replay [ns].
+        period_ns: median interval of all times [ns].
+        t_ns: (N,) times of rows [ns].
+
+    Returns:
+        (n,) indices of rows, and (n,) indices of their times in `kept`.
     """
     if not len(kept):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -154,7 +167,10 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
 
 
 def every_nth(counts: Ints, most: int) -> int:
-    """Smallest k such that every k-th of the counts sums to at most `most`."""
+    """Return the smallest k such that every k-th of the `counts` (n,), from the first on, sums to at most `most`.
+
+    It is at least the sum of all divided by `most`; n or more if no smaller k is sufficient.
+    """
     every = max(-(-int(counts.sum()) // max(most, 1)), 1)
     while every < len(counts) and int(counts[::every].sum()) > most:
         every += 1
@@ -162,7 +178,13 @@ def every_nth(counts: Ints, most: int) -> int:
 
 
 def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
-    """Join parts that overlap in time to one table without duplicate rows; also return the row numbers."""
+    """Join parts of a table that overlap to one without duplicate rows, sorted; also return the row numbers.
+
+    Args:
+        kind: type of the table.
+        parts: the parts; this list is emptied.
+        numbers: row numbers of each part in the whole table.
+    """
     found, index = np.unique(np.concatenate(numbers), return_index=True)
     columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
     # Column by column, so that no more than one is in memory twice
@@ -176,19 +198,19 @@ def _targets(table: ColumnTable) -> Ints:
 
 
 def _firsts(target: Ints, known: Ints) -> Ints:
-    """Return the first row of each target in `target` (n,) that is not among the targets `known`."""
+    """Return the index of the first row of each target in `target` (n,) that is not among the targets `known` (k,)."""
     names, first = np.unique(target, return_index=True)
     new: Ints = first[~np.isin(names, known)]
     return new
 
 
 def largest(values: Floats, target: Ints, segment: Ints) -> Bools:
-    """Return the mask (N,) of the rows with the largest value of their target in their section.
+    """Return the mask (N,) of the rows with the largest value of their target in their section of the table.
 
     Args:
         values: (N,) values.
-        target: (N,) targets.
-        segment: (N,) numbers of the sections.
+        target: (N,) identities.
+        segment: (N,) number of the section of each row.
     """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
@@ -201,6 +223,16 @@ def largest(values: Floats, target: Ints, segment: Ints) -> Bools:
 
 @dataclass
 class _ErrorsOfTarget:
+    """Running sums of the errors of one target.
+
+    Attributes:
+        squares: sum of squared errors on the ground.
+        rows: number of these errors.
+        worst: largest error on the ground.
+        squares_in_space: sum of squared errors in space.
+        in_space: number of known errors in space.
+    """
+
     squares: Sum = field(default_factory=Sum)
     rows: int = 0
     worst: float = 0.0
@@ -209,14 +241,14 @@ class _ErrorsOfTarget:
 
 
 class ErrorsSoFar:
-    """Running figures of errors: RMSE and largest error of each target."""
+    """Running RMSE and largest error of each target, over a stream of errors."""
 
     def __init__(self) -> None:
         """Create sums without errors."""
         self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:
-        """Add errors in the order of time; return (N,) the running RMSE of each one's target."""
+        """Add N errors in the order of time; return, for each, the RMSE of its target over all errors so far (N,)."""
         out = np.zeros(len(errors))
         for k in np.unique(errors.target_id).tolist():
             own = self._targets.setdefault(k, _ErrorsOfTarget())
@@ -233,7 +265,7 @@ class ErrorsSoFar:
         return out
 
     def rmse(self, target: int | None = None) -> float:
-        """RMSE of a target on the ground (None: of all); NaN without errors."""
+        """Return the RMSE of a target on the ground (None: of all); NaN without errors."""
         own = self._of(target)
         return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
 

@@ -29,7 +29,7 @@ LONGEST_FIRST = sorted(METRICS, key=lambda metric: -len(metric.name))
 
 @dataclass(frozen=True)
 class Figure:
-    """Table row of a figure: name, value as text, unit, and its meaning in words."""
+    """Table row of a figure: name, value as text, unit (empty: none), and its meaning in words (`note`)."""
 
     name: str
     value: str
@@ -39,7 +39,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Table with a figure per column, and a target, sensor or kind of box per row."""
+    """Table with a column for each figure, and a row for each target, sensor or kind of box; cells are text.
+
+    Attributes:
+        kind: kind of the rows: `target`, `sensor` or `boxes`.
+        columns: names of the figures.
+        rows: name of each row, and its cells.
+    """
 
     kind: str
     columns: tuple[str, ...]
@@ -48,7 +54,13 @@ class Breakdown:
 
 @dataclass
 class MetricGroup:
-    """Related figures under a title: overall ones, and tables by target or sensor."""
+    """Related figures of the report.
+
+    Attributes:
+        title: heading of the group.
+        figures: overall figures.
+        breakdowns: tables of figures by target, sensor or kind of box.
+    """
 
     title: str
     figures: list[Figure] = field(default_factory=list)
@@ -60,7 +72,11 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """Value of a metric, with its unit and its target or sensor."""
+    """Value of a metric, with the unit in which its name ends, and the target, sensor or kind of box that it is of.
+
+    `settled`: only after the settling time; `kind` is `target`, `sensor`, `box`, or empty for a value of all together;
+    `subject` is the identity or name of that one.
+    """
 
     metric: Metric
     unit: str  # in which the name ends, "" for none
@@ -71,12 +87,15 @@ class MetricValue(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The metric's label in the unit of the value."""
+        """The metric's label, without the unit; "... of 1 - IoU" for a distance that has no unit."""
         return self.metric.label_in(self.unit)
 
 
 def number(value: Value) -> str:
-    """Format a number with about four digits and thousands separators; a dash for NaN and None."""
+    """Return a value as text: four significant digits, integers in full with thousands separators.
+
+    NaN and None are a dash, infinity is a sign, bools are yes or no, and texts are unchanged.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):
@@ -90,9 +109,14 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names.
+    """Return all metrics in groups with titles, in the order of the vocabulary.
 
-    Accuracy without an error has counts alone: these are with the figures of many targets, or left out.
+    Unknown ones come last, under their own names. If there are no errors of position, the metrics of the group
+    "Accuracy" are added to those of many targets, or left out if there are none of these.
+
+    Args:
+        metrics: values by name, which may be nested mappings.
+        length_unit: unit of lengths, in which names may end.
     """
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {metric.name: n for n, metric in enumerate(METRICS)}
@@ -112,9 +136,10 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
+    """Return the entries of nested mappings as a list of (path, value), with keys joined by dots after `prefix`.
 
-    Provenance (names that begin with `_`), the verdict and the kind of identities are left out.
+    Left out are provenance (names that begin with `_`), the verdict (`plausible`), the flag of independent identities,
+    lists, and values of other types. `prefix` includes its final dot.
     """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
@@ -163,7 +188,7 @@ def _unit(value: MetricValue, length_unit: str) -> str:
 
 
 def _shown(value: MetricValue) -> str:
-    """Format a value for people: shares in per cent, angles in degrees."""
+    """Return a metric's value as text in the unit for readers: shares in per cent, angles in degrees."""
     figure = value.value
     if isinstance(figure, int | float | np.number) and not isinstance(figure, bool):
         if value.metric.unit == SHARE:

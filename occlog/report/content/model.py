@@ -42,7 +42,7 @@ CALENDAR_FROM_NS = 365 * 86_400 * NS
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Time axis: elapsed time since the first row, in a suitable unit."""
+    """Time axis between two times [ns]: elapsed time since the first, in s, min or h."""
 
     start_ns: int
     end_ns: int
@@ -99,16 +99,16 @@ class ReportInput:
         scene: room, occluders, sensors.
         tracks, bearings, truth, errors, bound, diagnostics: tables as the stages write them.
         events: initiations, terminations and possible identity switches of all people.
-        occluders: where moving occluders were thought to be.
+        occluders: the tracker's priors of moving occluders.
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
-        losses: input that was lost while reading.
-        made: how the tracks were made.
-        length_unit: unit of lengths where there is no scene to state it.
-        earlier: verdicts of the stages that made the inputs.
+        losses: input data that could not be read.
+        made: provenance of the tracks.
+        length_unit: unit of lengths if there is no scene to state it.
+        earlier: consistency verdicts of the stages that made the inputs.
         in_images: whether tracks are in images, with positions in pixels, so that there is no floor plan.
         boxes_stated: whether tracks in images state in which frames there is a box of the target.
-        collected: figures of all rows, of which the tables may be a part; None: the tables are whole.
+        collected: figures of all rows, if the tables hold a part of the rows; None: the tables are whole.
     """
 
     title: str = "Tracking report"
@@ -132,7 +132,7 @@ class ReportInput:
     collected: ReportFigures | None = None
 
     def __post_init__(self) -> None:
-        """InputError if there is neither a scene nor tracks to draw."""
+        """Raise InputError if there is neither a scene nor tracks to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError(
                 "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
@@ -153,11 +153,11 @@ class ReportInput:
         return self.figures.whole
 
     def rows(self, name: str) -> int:
-        """Number of rows of a given table, whether drawn or not."""
+        """Return the number of rows of a given table, whether drawn or not."""
         return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:
-        """Sentence about tables that are drawn in part; empty if all rows are drawn."""
+        """Return a sentence about those of the named tables that are drawn in part; empty if all rows are drawn."""
         parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
         reported = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
         return f"Drawn: {', '.join(reported)}." if reported else ""
@@ -184,13 +184,13 @@ class ReportInput:
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Verdicts of earlier stages, and of the report if its tables contradict the tracks."""
+        """Consistency verdicts of earlier stages, and of the report if it has checked the tracks."""
         own = self.figures.judged
         return self.earlier if own is None else (*self.earlier, Verdict.of("report", own))
 
     @property
     def findings(self) -> tuple[tuple[str, Check], ...]:
-        """Findings of all verdicts, each with the name of its stage."""
+        """Warnings of all verdicts, each with the name of its stage."""
         return found_by_stage(self.verdicts)
 
     @property
@@ -207,7 +207,10 @@ class ReportInput:
 
     @cached_property
     def followers(self) -> Mapping[int, int | None]:
-        """Track of each target in the errors; None if it has several tracks."""
+        """Track of each target in the errors, by identity; None as value: several tracks.
+
+        Empty without errors or tracks.
+        """
         return {} if self.errors is None or self.tracks is None else matching_tracks(self.errors, self.tracks)
 
     @cached_property
@@ -226,7 +229,10 @@ class ReportInput:
         return self.people_tracks is None and not self.relabelled
 
     def whose_bearings(self, target: int) -> str:
-        """Phrase for the label of bearings, after a comma; empty if there is one label only."""
+        """Return a phrase, after a comma, that names the target of bearings; empty if there is only one.
+
+        `target`: label of the bearings; -1: unlabelled.
+        """
         if target < 0:
             return ", any object"
         if self.coverage is None or len(self.coverage.watched) == 1:
@@ -234,7 +240,7 @@ class ReportInput:
         return f", target {target}" if self.same_names else f", label {target}"
 
     def whose_errors(self, target: int) -> str:
-        """Phrase for a target in the errors, with its track if that has another identity."""
+        """Return a phrase that names a target in the errors, with its track if that has another identity."""
         if not self.relabelled:
             return f"target {target}"
         track = self.followers.get(target)
@@ -251,7 +257,10 @@ class ReportInput:
 
     @property
     def sight(self) -> Mapping[int, TriangulationDistances]:
-        """Triangulation distances of each track without errors; empty where lines do not intersect."""
+        """Distances from triangulated positions of each track without errors, by identity.
+
+        Empty without triangulation.
+        """
         return self.figures.sight
 
     @property
@@ -261,12 +270,12 @@ class ReportInput:
 
     @property
     def coverage(self) -> ObservationCoverage | None:
-        """Summary of which sensor saw which target when; None without bearings."""
+        """Summary of which sensor detected which target when; None without bearings."""
         return self.figures.coverage
 
     @property
     def strangers(self) -> tuple[str, ...]:
-        """Sensors of bearings missing in the scene, which are not drawn."""
+        """Names of sensors that have bearings and are missing in the scene, so that they are not drawn."""
         if self.scene is None or self.coverage is None:
             return ()
         known = {sensor.name for sensor in self.scene.sensors}
@@ -288,8 +297,8 @@ class ReportInput:
         return self.figures.selections
 
     def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
-        """Return RMSE and bound over common times, of a target or of all (None); see `ErrorsAgainstBound.figures`.
+        """Return RMSE and root mean square bound over common times, of a target or of all (None).
 
-        `where`: empty on the ground, `_space` in space.
+        The bound is that of smoothing if the tracks are smoothed. `where`: empty on the ground, `_space` in space.
         """
         return self.figures.bound.figures(target, where, smoothed=self.smoothed)

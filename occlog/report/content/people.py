@@ -20,13 +20,13 @@ MAX_PEOPLE = 60
 
 @dataclass(frozen=True, eq=False)
 class PeopleCount:
-    """Number of people at each time.
+    """Number of tracked people at each of T times.
 
     Attributes:
-        t_ns: (T,) times of the tracks, and the ends of those that gaps without people follow.
-        people: (T,) tracks there.
-        expected: (T,) sum of their probabilities of existence.
-        seen: (T,) those of whom some camera has a box.
+        t_ns: (T,) times of the tracks [ns], perhaps also ends of gaps.
+        people: (T,) number of tracks.
+        expected: (T,) sum of their existence probabilities.
+        seen: (T,) number of those that some camera has a box of.
     """
 
     t_ns: Ints
@@ -36,14 +36,14 @@ class PeopleCount:
 
 
 def people_statistics(tracks: PeopleTracks) -> PeopleCount:
-    """Number of people at each time with rows."""
+    """Return the number of people at each time of the tracks."""
     times, row = np.unique(tracks.t_ns, return_inverse=True)
     counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence_probability, tracks.seen_by != "")]
     return PeopleCount(times, *(c.astype(np.float64) for c in counts))
 
 
 def true_people(truth: Truth, at: Ints) -> tuple[Ints, Floats]:
-    """Times at which all true targets have rows, of those in `at`, and the number of targets."""
+    """Return the times (T,) [ns] in `at` at which the truth has targets, and the number (T,) of targets at each."""
     own = truth.t_ns[truth.role == "target"]
     times, number = np.unique(own[np.isin(own, at)], return_counts=True)
     return times, number.astype(np.float64)
@@ -64,13 +64,19 @@ def camera_has_box(tracks: PeopleTracks, name: str) -> Bools:
 
 
 def usual_step(t_ns: Ints) -> int:
-    """Usual interval between time steps [ns], at least 1."""
+    """Return the median interval between distinct times `t_ns` (n,) [ns], at least 1."""
     times = np.unique(t_ns)
     return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
 
 
 class _VisibilityCells:
-    """Numbers of people, and of those with a box of a camera, in intervals of equal length."""
+    """Counts of people, and of people with a box of each camera, in intervals of equal length.
+
+    Args:
+        first: begin [ns].
+        end: end [ns].
+        step: least length of an interval [ns].
+    """
 
     def __init__(self, first: int, end: int, step: int) -> None:
         self._cells = max(min(CELLS, (end - first) // step), 1)
@@ -98,11 +104,11 @@ class TrackLife:
     """Lifetime of a track, with the cameras that detected the person.
 
     Attributes:
-        begin: number of its first row among all.
-        span_ns: its first and last time.
-        rows: how many it has.
-        unseen: those of which no camera has a box.
-        cameras: those that saw it.
+        begin: number of its first row in the table.
+        span_ns: its first and last time [ns].
+        rows: number of its rows.
+        unseen: number of rows in which no camera has a box.
+        cameras: names of the cameras that have had one.
     """
 
     begin: int
@@ -117,18 +123,18 @@ class PeopleStatistics:
     """Summary of all people's tracks.
 
     Attributes:
-        rows: how many there are.
-        mean: people at a time.
-        most: at one time.
-        unseen: share of the estimates of people whom no camera sees.
-        existence: mean probability that they are there, where it is known.
-        several: share of the estimates of people whom several cameras see.
-        identities: how many there are.
-        drawn: those that have a separate row, in the order of their initiation.
-        cameras: names of those that have a box of any person.
-        crowd: how many there are at each time, or at those that are drawn.
-        found: sightings of each camera.
-        lives: of each identity, ascending.
+        rows: number of estimates.
+        mean: mean number of people at a time.
+        most: largest number of people at a time.
+        unseen: share of the estimates in which no camera detects the person.
+        existence: mean existence probability, of rows that have one.
+        several: share of the estimates in which several cameras detect the person.
+        identities: number of tracks.
+        drawn: identities with a row of their own in figures, in the order of their initiation.
+        cameras: names of the cameras that have a box of any person.
+        crowd: number of people at the times that are drawn.
+        found: by camera, numbers of people and of detected ones over time.
+        lives: lifetime of each track, by identity, ascending.
     """
 
     rows: int
@@ -145,12 +151,12 @@ class PeopleStatistics:
     lives: Mapping[int, TrackLife] = field(default_factory=dict)
 
     def sightings(self, name: str) -> SensorSightings:
-        """Numbers of people, and of those with a box of the camera, in intervals of equal length."""
+        """Return the numbers of people, and of those with a box of the named camera, in intervals of equal length."""
         return self.found[name]
 
 
 class PeopleStreams:
-    """Accumulates people's tracks over a stream, in two passes."""
+    """Accumulates statistics of people's tracks over a stream, in two passes: `add`, then `see`."""
 
     def __init__(self) -> None:
         """Create a summary without people."""
@@ -193,7 +199,7 @@ class PeopleStreams:
         self._rows += len(tracks)
 
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
-        """End the first pass, and set the intervals of the second one.
+        """Begin the second pass: create the time intervals in which detections are counted.
 
         `span_ns`: first and last time [ns]; `step_ns`: usual time between rows [ns].
         """
@@ -201,12 +207,12 @@ class PeopleStreams:
         self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 
     def see(self, tracks: PeopleTracks, cameras: int) -> None:
-        """Second pass: add the detections of the first `cameras` cameras."""
+        """Second pass: count the detections of people by each of the first `cameras` cameras, by name."""
         assert self._cells is not None
         self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
 
     def finish(self, drawn: PeopleCount) -> PeopleStatistics:
-        """Summary of all tracks; `drawn`: counts at the times that are drawn."""
+        """Return the summary of all tracks; `drawn`: numbers of people at the times that are drawn."""
         lives = {name: self._lives[name] for name in sorted(self._lives)}
         names = np.array(list(lives), dtype=np.int64)
         first = np.array([life.begin for life in lives.values()], dtype=np.int64)

@@ -22,14 +22,14 @@ RAYS = 121
 
 
 def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Floats) -> Floats:
-    """Polygon visible to a sensor: its field of view cut off at walls.
+    """Return the polygon that a sensor sees on the floor: its field of view cut off at walls.
 
     Args:
         origin: (2,) position of the sensor.
         yaw: azimuth of the optical axis [rad].
         fov: full opening angle [rad]; 2 pi or more is all around.
         reach: farthest distance, finite and > 0.
-        walls: (S, 2, 2) line segments that block lines of sight.
+        walls: (S, 2, 2) ends of line segments that block lines of sight.
 
     Returns:
         (K, 2) corners, the sensor first (unless it sees all around).
@@ -67,12 +67,12 @@ def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
 
 
 def edges_of(polygon: Floats) -> Floats:
-    """(K, 2, 2) edges of a closed polygon."""
+    """Return the edges (K, 2, 2), begin and end of each, of a closed polygon with vertices (K, 2)."""
     return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
 
 
 def sensor_positions(scene: Scene) -> dict[str, Floats]:
-    """(2,) ground position of each sensor with a known pose, by name."""
+    """Return the ground position (2,) of each sensor with a known pose, by name: cameras, then arrays."""
     cameras = {c.name: c.ground for c in scene.cameras if c.placed}
     return cameras | {a.name: a.position[:2] for a in scene.arrays}
 
@@ -90,7 +90,11 @@ def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class DirectionErrors:
-    """Measured minus expected directions of a target, sorted by time."""
+    """Residuals of N bearings: measured minus expected direction of a target, sorted by time.
+
+    `t_ns`: (N,) times [ns]; `sensor`: (N,) index into `names`; `residual`: (N,) in -pi to pi [rad]; `sigma`: (N,)
+    stated standard deviations [rad].
+    """
 
     t_ns: Ints
     sensor: Ints  # index into names
@@ -101,7 +105,11 @@ class DirectionErrors:
 
 @dataclass(frozen=True, eq=False)
 class LabelledSightings:
-    """Bearings of one label by sensors with known position, sorted by time."""
+    """N detections with one label by sensors with known positions, sorted by time.
+
+    `t_ns`: (N,) times [ns]; `sensor`: (N,) index into the names of `sensor_positions`; `bearing`: (N,) azimuth in the
+    world [rad]; `sigma`: (N,) its standard deviation [rad].
+    """
 
     t_ns: Ints  # (N,)
     sensor: Ints  # (N,) index into the names of `sensor_positions`
@@ -110,7 +118,7 @@ class LabelledSightings:
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
-    """Return the bearings of the scene's sensors that see a target, for each of the target's `labels`."""
+    """Return, for each of the `labels`, the detections with that label by sensors that the scene has."""
     sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
@@ -120,18 +128,18 @@ def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict
 
 
 def label_of(target: int, labels: Collection[int]) -> int:
-    """Return the label of bearings to compare with a target: its own if it is among `labels`, else -1."""
+    """Return the label of the bearings to compare with a target: its identity if it is among `labels`, else -1."""
     return target if target in labels else UNLABELLED
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """Return the angles between estimates and lines of sight, as seen by the sensors [rad].
+    """Return the residuals of bearings from estimates of the target [rad].
 
     Args:
-        lines: N lines of sight.
-        estimate: (N, 2) positions; NaN: no estimate, left out.
+        lines: N bearings.
+        estimate: (N, 2) estimated positions at their times; bearings with NaN are left out.
         scene: positions of the sensors.
-        nearest: true: only the nearest line of each time and sensor.
+        nearest: keep only the bearing with the smallest residual of each time and sensor.
     """
     known = sensor_positions(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
@@ -150,7 +158,10 @@ def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, 
 
 
 def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
-    """Rows with the smallest value for each time and sensor, among the given rows, sorted."""
+    """Return those of `rows` that have the smallest absolute `value` of their time and sensor, sorted.
+
+    `t_ns`, `sensor` and `value` are (N,); `rows` are indices into them.
+    """
     order = rows[np.lexsort([np.abs(value[rows]), sensor[rows], t_ns[rows]])]
     first = np.ones(len(order), dtype=bool)
     first[1:] = (np.diff(t_ns[order]) != 0) | (np.diff(sensor[order]) != 0)
@@ -165,7 +176,7 @@ def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
 
 
 def has_common_time(t_ns: Ints) -> Bools:
-    """(N,) mask of sorted times that occur more than once."""
+    """Return the mask (N,) of sorted times that occur more than once."""
     same = np.diff(t_ns) == 0
     return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
 
@@ -176,14 +187,14 @@ def period_of(steps: Sequence[float]) -> int:
 
 
 def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
-    """Rows that form scans, and the scan of each, sorted; a scan has each sensor at most once.
+    """Return the rows that form scans, sorted, and the number of the scan of each; a scan has each sensor at most once.
 
     A scan is all rows of equal time or, if sensors do not share times, all rows within one period.
 
     Args:
-        lines: in the order of time.
-        period_ns: of a sensor; None: sensors share their times.
-        start_ns: when the first scan begins.
+        lines: detections in the order of time.
+        period_ns: length of a scan [ns]; None: sensors share their times.
+        start_ns: begin of the first scan [ns].
     """
     scan = lines.t_ns if period_ns is None else (lines.t_ns - start_ns) // period_ns
     if not len(scan):
@@ -194,12 +205,12 @@ def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tup
 
 
 def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
-    """Return the first row and the position of each scan with lines of sight that intersect: (n,) and (n, 2).
+    """Triangulate each scan; return the first row (n,) and the position (n, 2) of those with lines of sight that meet.
 
     Args:
-        lines: lines of sight.
-        rows: (k,) those that are in a scan.
-        scan: (k,) number of the scan, rising (see `scans`).
+        lines: detections.
+        rows: (k,) indices of those that are in a scan.
+        scan: (k,) number of the scan of each, rising (see `scans`).
         scene: positions of the sensors.
     """
     origins = np.array(list(sensor_positions(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
@@ -212,13 +223,13 @@ def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: S
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """Bearing residuals of a track, by sensor.
+    """Bearing residuals of one track, by sensor.
 
     Attributes:
-        drawn: sightings, or a part of them.
-        rows: of each sensor the number of all sightings.
-        squares: (2,) of each sensor sums of all squared residuals, as angles [rad2] and in standard deviations.
-        every: of each sensor every n-th sighting is drawn.
+        drawn: all residuals, or a part of them.
+        rows: number of all residuals of each sensor.
+        squares: (2,) sums of all squared residuals of each sensor, in rad^2 and in squared standard deviations.
+        every: every k-th residual of a sensor is drawn.
     """
 
     drawn: DirectionErrors
@@ -233,21 +244,22 @@ class Residual:
 
 
 def _squares(residual: Floats, sigma: Floats) -> Floats:
+    """Return the sums (2,) of squared residuals [rad^2], and of squared residuals over their variances."""
     return np.asarray((np.column_stack([residual, residual / sigma]) ** 2).sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class TriangulationDistances:
-    """Distances of a track from triangulated positions.
+    """Distances of one track from triangulated positions.
 
     Attributes:
-        t_ns: (D,) times of those that are drawn.
-        distance: (D,) these.
+        t_ns: (D,) times of the distances that are drawn [ns].
+        distance: (D,) these distances.
         so_far: (D,) root mean square of all distances up to each.
-        rows: how many there are in all.
-        rms: root mean square of all of them; NaN without any.
-        high: 95 % of all of them are below; NaN without any.
-        every: every n-th is drawn.
+        rows: number of all distances.
+        rms: root mean square of all; NaN without any.
+        high: 95 % quantile of all; NaN without any.
+        every: every k-th is drawn.
     """
 
     t_ns: Ints
@@ -261,7 +273,18 @@ class TriangulationDistances:
 
 @dataclass
 class _Off:
-    """Accumulated residuals and distances of one target's track, and rows of its last, open scan."""
+    """Accumulated residuals of bearings, and distances from triangulated positions, of one target's track.
+
+    Attributes:
+        rows: number of residuals of each sensor.
+        squares: (n, 2) sums of squared residuals of each of n sensors, in rad^2 and in squared standard deviations.
+        drawn: residuals that are drawn.
+        held: detections of the last scan, which may be incomplete, and the estimates at them; None: none.
+        start_ns: time of the first scan [ns]; None: none yet.
+        scans: number of triangulated scans.
+        total: sum of squared distances.
+        t_ns, distance, so_far: times [ns], distances and running RMS of the scans that are drawn.
+    """
 
     rows: Ints
     squares: Floats
@@ -276,7 +299,7 @@ class _Off:
 
 
 class BearingResidualStreams:
-    """Accumulates residuals and distances over streams of tracks and bearings."""
+    """Accumulates bearing residuals, and distances from triangulated positions, over streams of tracks and bearings."""
 
     def __init__(
         self,
@@ -291,11 +314,10 @@ class BearingResidualStreams:
 
         Args:
             scene: the sensors.
-            targets: that are tracked.
-            labels: of all bearings.
-            periods_ns: of targets with distances that are requested the period of a scan; None: sensors share their
-                times.
-            every: of residuals of a sensor, and of distances, every n-th is drawn, and the largest ones between.
+            targets: identities of the tracked targets.
+            labels: all target labels that occur in the bearings.
+            periods_ns: targets to triangulate, with the length of a scan [ns] (see `scans`); None: sensors share times.
+            every: every k-th residual of a sensor, and every k-th distance, is drawn, and the largest ones between.
             in_memory: how many distances are kept in memory.
         """
         self._scene, self._every, self._periods_ns = scene, every, periods_ns
@@ -305,7 +327,7 @@ class BearingResidualStreams:
         self._spools = {target: Spool(in_memory // len(periods_ns)) for target in periods_ns}
 
     def add(self, tracks: Tracks, bearings: Bearings) -> None:
-        """Add the bearings of a time interval, with all estimates around them."""
+        """Add the bearings of a time interval; `tracks` must have all estimates in and around it."""
         lines = sight_lines(bearings, self._scene, set(self._labels.values()))
         for target, label in self._labels.items():
             own, mine = self._off[target], lines[label]
@@ -328,13 +350,13 @@ class BearingResidualStreams:
         own.drawn.append(DirectionErrors(t_ns, sensor, found.names, residual, sigma))
 
     def _distances(self, target: int, lines: LabelledSightings, estimate: Floats, *, last: bool) -> None:
-        """Add the distances of a target's track from triangulated positions at completed scans.
+        """Add the distances of a target's track from its triangulated positions at completed scans.
 
         Args:
-            target: its label.
-            lines: N further lines of sight.
-            estimate: (N, 2) positions of the track at them.
-            last: the last scan is complete too.
+            target: its identity.
+            lines: N further detections.
+            estimate: (N, 2) positions of the track at their times.
+            last: whether the last scan is complete too.
         """
         own, period = self._off[target], self._periods_ns[target]
         if own.held is not None:

@@ -27,7 +27,15 @@ BAR = 26
 
 
 class Outline(NamedTuple):
-    """Estimate that is drawn in a frame: ellipse, target, style, and words for its failures."""
+    """Estimate of a target, drawn in a frame as an ellipse.
+
+    Attributes:
+        ellipse: (5,) x and y of the centre, half axes a and b [px], and angle of a from x towards y [rad].
+        target_id: identity of the target.
+        dashed: only neighbours act on the estimate, or its view has no box of it.
+        strong: other views help.
+        wrong: text for a failure; empty: none.
+    """
 
     ellipse: Floats  # (5,) see `occlog.core.image`
     target_id: int
@@ -37,7 +45,15 @@ class Outline(NamedTuple):
 
 
 class TruePosition(NamedTuple):
-    """True position of a target that is drawn in a frame: box, visible share, and whether its tracker is lost."""
+    """True box of a target, drawn in a frame.
+
+    Attributes:
+        box: (4,) left, top, width and height [px].
+        target_id: identity of the target.
+        visible: visible share, 0 to 1; NaN: unknown.
+        missed: no tracker is on the target.
+        coloured: drawn in the colour of the target's number; otherwise white.
+    """
 
     box: Floats  # (4,) left, top, width, height [px]
     target_id: int
@@ -47,7 +63,15 @@ class TruePosition(NamedTuple):
 
 
 class LineDrawing(NamedTuple):
-    """A line of a target: its trail, or the epipolar line of another view."""
+    """A polyline of a target, such as its trail or its projected outline.
+
+    Attributes:
+        points: (k, 2) points [px].
+        target_id: identity of the target.
+        width: width of the line [px].
+        dashed: whether it is dashed.
+        words: text above its highest point; empty: none.
+    """
 
     points: Floats  # (k, 2)
     target_id: int
@@ -57,7 +81,19 @@ class LineDrawing(NamedTuple):
 
 
 class FrameDrawing(NamedTuple):
-    """Drawings over one frame of one view, in pixels of the frame (centres at integers)."""
+    """All that is drawn over one frame of one view, in pixels of the frame (pixel centres at integers).
+
+    Attributes:
+        title: text of the title bar.
+        outlines: estimates.
+        links: lines between the centres of two targets that touch, (2, 2) each.
+        lines: identity of the target and points (k, 2) of each epipolar line.
+        positions: true boxes.
+        boxed: true boxes are drawn as boxes; otherwise as crosses.
+        notes: texts at the bottom.
+        ways: trails and projected outlines.
+        ranks: index of the colour of each target, by identity; targets that are missing have that of their number.
+    """
 
     title: str
     outlines: Sequence[Outline] = ()
@@ -77,21 +113,21 @@ class FrameDrawing(NamedTuple):
 
 
 def colour_of(index: int) -> Colour:
-    """BGR colour of the target with this index by identity, as in the report on a dark background."""
+    """Return the BGR colour of the target with this index (rank of its identity), as in the dark report."""
     r, g, b = target_rgb(index, dark=True)
     return b, g, r
 
 
 def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
-    """Draw the enlarged frame under a title bar, with all estimates, lines and true positions.
+    """Draw the scaled frame under a title bar, with all estimates, lines and true positions.
 
     Args:
         image: (H, W, 3) BGR or (H, W) grey.
-        shot: what to draw.
-        scale: pixels of the result a pixel of the frame, > 0.
+        shot: estimates, lines, true positions and texts to draw, in pixels of the frame.
+        scale: pixels of the result per pixel of the frame, > 0.
 
     Returns:
-        (BAR + round(scale H), round(scale W), 3).
+        BGR picture (BAR + round(scale H), round(scale W), 3).
     """
     colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     size = (max(1, round(scale * image.shape[1])), max(1, round(scale * image.shape[0])))
@@ -122,7 +158,10 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Return pictures in rows of `columns` on a dark background; width and height are even, as codecs require."""
+    """Return BGR pictures arranged in rows of `columns` on a dark background.
+
+    Width and height of the result are even, as codecs require.
+    """
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)
@@ -138,9 +177,9 @@ def _interpolation(scale: float) -> int:
 
 
 def _points(points: Floats, scale: float) -> NDArray[np.int32]:
-    """Return points (k, 2) [px] as integers (k, 1, 2) for OpenCV; distant ones are clipped against overflow.
+    """Return points (k, 2) [px of the frame] as fixed-point integers (k, 1, 2) for OpenCV, with `SUB` fractional bits.
 
-    `scale`: pixels of the picture per pixel.
+    Distant points are clipped against overflow. `scale`: pixels of the picture per pixel of the frame.
     """
     moved = np.clip(scale * (np.asarray(points) + 0.5) - 0.5, -30_000, 30_000)
     return np.rint(moved * (1 << SUB)).astype(np.int32).reshape(-1, 1, 2)
@@ -154,7 +193,7 @@ def _path(picture: Bytes, points: Floats, scale: float, colour: Colour, width: i
 
 
 def _rim(ellipse: Floats) -> Floats:
-    """Return (73, 2) points of a closed ellipse."""
+    """Return the points (73, 2) [px] of a closed ellipse given as x, y, half axes a, b [px], and angle [rad]."""
     x, y, a, b, rho = ellipse.tolist()
     t = np.linspace(0.0, 2.0 * np.pi, 73)
     u, v = a * np.cos(t), b * np.sin(t)
@@ -162,9 +201,9 @@ def _rim(ellipse: Floats) -> Floats:
 
 
 def _dashes(points: Floats, scale: float) -> list[Floats]:
-    """Return the dashes of the polyline `points` (k, 2), half of its length.
+    """Return the dashes of the polyline `points` (k, 2), as polylines (7, 2) that cover half of its length.
 
-    `scale`: pixels of the picture per pixel.
+    `scale`: pixels of the picture per pixel of the points, for the number of dashes.
     """
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     count = max(3, round(scale * float(way[-1]) / 22.0))
@@ -173,7 +212,10 @@ def _dashes(points: Floats, scale: float) -> list[Floats]:
 
 
 def draw_way(picture: Bytes, way: LineDrawing, scale: float, colour: Colour) -> None:
-    """Draw a polyline, dashed or solid, on the picture; `scale`: pixels of the picture per pixel."""
+    """Draw a polyline, dashed or solid, on the picture in place.
+
+    `scale`: pixels of the picture per pixel of its points.
+    """
     for part in _dashes(way.points, scale) if way.dashed else [way.points]:
         _path(picture, part, scale, colour, way.width, halo=way.width > 1)
 
@@ -187,13 +229,13 @@ def _estimate(picture: Bytes, outline: Outline, scale: float, colour: Colour) ->
 
 
 def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colour: Colour) -> None:
-    """Draw a target's number, with its failures, above its ellipse.
+    """Draw a target's number, with a text for its failure, above its ellipse.
 
     Args:
-        picture: drawn on.
-        outline: of the target.
-        scale: pixels of the picture per pixel.
-        taken: boxes of labels so far, of which the new one keeps clear; it is added.
+        picture: drawn on, in place.
+        outline: outline of the target.
+        scale: pixels of the picture per pixel of the frame.
+        taken: boxes of earlier labels, which the new one avoids; it is added.
         colour: BGR; failures are red.
     """
     rim = _rim(outline.ellipse)
@@ -203,9 +245,16 @@ def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colou
 
 
 def label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
-    """Draw the text `words` on a coloured background, centred above `bottom` (x, y).
+    """Draw a text on a coloured background on the picture, in place, centred above a point.
 
-    It is moved inside the picture and away from labels in `taken`, to which it is added.
+    It is moved inside the picture and away from earlier labels.
+
+    Args:
+        picture: drawn on.
+        words: the text.
+        bottom: x and y of the point [px].
+        colour: BGR, of the background.
+        taken: boxes of earlier labels; the new one is added.
     """
     (width, height), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     wide, high = width + 8, height + 8
@@ -232,19 +281,22 @@ def _corners(box: Floats) -> Floats:
 
 
 def _true_box(picture: Bytes, position: TruePosition, scale: float, colour: Colour) -> None:
-    """Draw a true box on the picture, dashed if occluded; `scale`: pixels of the picture per pixel."""
+    """Draw a true box on the picture in place, dashed if occluded.
+
+    `scale`: pixels of the picture per pixel of the frame.
+    """
     corners, hidden = _corners(position.box), position.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
         _path(picture, part, scale, colour, 2, halo=True)
 
 
 def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colour) -> None:
-    """Draw a cross at the centre of a target, with a ring if it is occluded; red if it has no tracker.
+    """Draw a cross at the centre of a true box, with a ring if it is occluded, and a red cross if it has no tracker.
 
     Args:
-        picture: drawn on.
+        picture: drawn on, in place.
         position: true box.
-        scale: pixels of the picture per pixel.
+        scale: pixels of the picture per pixel of the frame.
         own: BGR colour of the target.
     """
     middle, colour = position.box[:2] + 0.5 * position.box[2:], own if position.coloured else WHITE
@@ -264,7 +316,7 @@ def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colou
 
 
 def _note(picture: Bytes, words: str, line: int) -> None:
-    """Draw the text `words` on a dark background in the lower left corner, `line` lines up."""
+    """Draw the text `words` on a dark background in the lower left corner of the picture, `line` lines up."""
     (width, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     bottom = picture.shape[0] - 22 * line
     cv2.rectangle(picture, (0, max(bottom - 22, 0)), (width + 12, bottom - 1), BLACK, cv2.FILLED)
@@ -272,7 +324,7 @@ def _note(picture: Bytes, words: str, line: int) -> None:
 
 
 def bar(title: str, width: int) -> Bytes:
-    """(BAR, width, 3) title bar on a dark background."""
+    """Return a title bar (BAR, width, 3), BGR, with the title as light text on a dark background."""
     strip = np.full((BAR, width, 3), 24, dtype=np.uint8)
     cv2.putText(strip, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (230, 230, 230), 1, cv2.LINE_AA)
     return strip

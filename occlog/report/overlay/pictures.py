@@ -47,7 +47,7 @@ class LostFrames:
         self._missed: set[tuple[str, int]] = set()
 
     def image(self, frame: Frame) -> Image | None:
-        """Decoded image; None if it cannot be decoded."""
+        """Return the decoded image; None if it cannot be decoded, which is recorded."""
         try:
             return frame.decode()
         except InputError as error:
@@ -56,17 +56,17 @@ class LostFrames:
             return None
 
     def is_lost(self, sensor: str, index: int) -> bool:
-        """Whether the frame with this index of a camera could not be decoded."""
+        """Return whether the frame with this index of a camera could not be decoded."""
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """Record that the frame with this index of a camera is shown: a loss if it could not be decoded."""
+        """Record that the frame `index` of the camera `sensor` is shown: a loss if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses of the frames that were shown, by camera and number."""
+        """Losses: frames that were shown and could not be decoded, by camera, in ranges of indices."""
         sensors = sorted({sensor for sensor, _ in self._missed})
         lost = {name: sorted(index for sensor, index in self._missed if sensor == name) for name in sensors}
         return tuple(
@@ -82,7 +82,10 @@ LARGEST = (3840, 2160)
 
 
 class FrameRowReader(Generic[T]):
-    """Reads rows of a table sorted by time, by time and camera; earlier rows are dropped."""
+    """Reads the rows of single frames, by time and camera, from a table sorted by time; earlier rows are dropped.
+
+    `read`, `used`: numbers of rows read so far, and of those returned.
+    """
 
     def __init__(self, chunks: Iterable[T]) -> None:
         """Read these chunks, which are in the order of time."""
@@ -91,7 +94,7 @@ class FrameRowReader(Generic[T]):
         self.read = self.used = 0
 
     def at(self, t_ns: int, sensor: str) -> T | None:
-        """Return the rows of one frame, by time [ns] and camera; None at the end of a table without rows.
+        """Return the rows of one frame, 0 or more, by time [ns] and camera; None if the table has no chunks.
 
         Times must not decrease from call to call.
         """
@@ -115,16 +118,16 @@ class FrameRowReader(Generic[T]):
 
 
 class FrameOverlay:
-    """Drawings from tables in images over single frames, which are requested in the order of time."""
+    """Drawings of tracks in images and true boxes over single frames, which must be requested in the order of time."""
 
     def __init__(self, tracks: Path, truth: Path | None, trail_s: float) -> None:
-        """Read tracks in images and optionally true boxes; trails have a length of `trail_s`."""
+        """Open tracks in images and, unless None, true boxes; `trail_s`: length of trails [s]."""
         self._tracks, self._truth = _rows(tracks, ViewTracks), _rows(truth, TruthBoxes)
         self._trails: dict[str, Trails] = {}
         self._trail_s = trail_s
 
     def shot(self, frame: Frame) -> FrameDrawing:
-        """Drawings over a frame: estimates with trails, and crosses at true positions."""
+        """Return the drawings over a frame: ellipses of estimates with trails, and crosses at true positions."""
         rows = OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), None)
         # Without epipolar lines the size of a view is of no account
         rig = OverlayRig([TrackedView(frame.sensor, 1, 1)], [None], None, numbered=False)
@@ -134,10 +137,10 @@ class FrameOverlay:
 
 
 class Pictures:
-    """Iterable of (frame number of the first camera, picture of all views).
+    """Iterable of the pictures of an overlay video: (frame index of the first camera, BGR picture of all views).
 
-    A picture shows the latest frame of every camera; the next picture begins at the next frame of any camera already
-    shown. A frame that cannot be decoded is black under its drawing.
+    A picture shows the latest frame of every camera; the next one begins when a camera that is in it has a new frame. A
+    frame that cannot be decoded is black under its drawing.
     """
 
     def __init__(
@@ -165,7 +168,10 @@ class Pictures:
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
-        """Return the scale of the pictures: small ones are enlarged, and large ones reduced until all `cells` fit."""
+        """Return the factor by which images are scaled: small ones are enlarged, large ones reduced.
+
+        `cells`: number of images of a picture, with the plan; the picture fits into `LARGEST`.
+        """
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         rows = math.ceil(cells / self._columns)
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
@@ -177,11 +183,11 @@ class Pictures:
         return PlanRenderer(scene, around, METRES.get(scene.length_unit, 1.0), size, self._ranks)
 
     def strange(self) -> bool:
-        """Whether the tracks in images have rows, but none of a frame so far."""
+        """Return whether the tracks in images have rows, but none of a frame so far: of another recording, perhaps."""
         return self._tracks is not None and self._tracks.read > 0 and not self._tracks.used
 
     def used(self) -> dict[str, int]:
-        """Number of rows of each table used so far."""
+        """Return the number of rows of each table that were drawn so far, by name."""
         tables = {"tracks": self._tracks, "world": self._world, "truth": self._truth, "failures": self._failures}
         return {name: rows.used for name, rows in tables.items() if rows is not None}
 
@@ -208,7 +214,7 @@ class Pictures:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Frames missing in the pictures that were kept."""
+        """Losses: frames that could not be decoded and are missing in the pictures that were kept."""
         return self._lost.losses
 
     def keep(self) -> None:
@@ -217,16 +223,16 @@ class Pictures:
             self._lost.miss(name, number)
 
     def _rows_of(self, frame: Frame) -> OverlayFrameRows:
-        """Return the rows of a frame in tracks, truth and failures."""
+        """Return the rows of a frame in tracks, truth and failures (None for missing tables)."""
         return OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
     def _ways_of(self, view: int, frame: Frame, rows: OverlayFrameRows) -> list[LineDrawing]:
-        """Return the trails in the image of the view; of targets tracked in the world alone their projections.
+        """Return the trails of the targets in the image; without tracks in images, projections of those on the ground.
 
         Args:
             view: index of the view.
             frame: its image.
-            rows: of the frame.
+            rows: rows of the frame.
         """
         if self._world is not None:
             self._world.move(frame.t_ns)
@@ -238,12 +244,12 @@ class Pictures:
         return self._world.ways(camera, frame.t_ns)
 
     def _shot(self, view: int, number: int, rows: list[OverlayFrameRows]) -> FrameDrawing:
-        """Return what is drawn over one frame; true boxes only if estimates are not drawn as boxes.
+        """Return what is drawn over one frame; true positions are boxes only if there are no estimates of the view.
 
         Args:
             view: index of the view.
-            number: of the frame.
-            rows: of this time in each view.
+            number: index of the frame.
+            rows: rows of each view at this time.
         """
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
@@ -270,7 +276,10 @@ class Pictures:
 
 
 def _around(asked: OverlayRequest, scene: Scene | None) -> Floats:
-    """(K, 2) points around which the plan is: the room, or else the tracks; none without a plan."""
+    """Return the points (K, 2) in the world that the plan must contain: the room, or else the extent of the tracks.
+
+    Empty if no plan is drawn.
+    """
     if not asked.plan or asked.ground_tracks is None or scene is None:
         return np.zeros((0, 2))
     return extent_of(asked.ground_tracks) if scene.room is None else scene.room
@@ -283,14 +292,17 @@ def _columns(cells: int) -> int:
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
-    """Return the positions of tracks in the world; None if missing, or if camera poses are unknown.
+    """Return a reader of tracks on the ground; None without such tracks, or without a scene.
 
     Args:
-        asked: the request.
-        recording: its cameras.
-        scene: poses; None: unknown, UsageError without tracks in images.
-        ranks: number of the colour of each target.
-        job: prints notes.
+        asked: names the tracks, and their diagnostics and truth, if any.
+        recording: has the cameras.
+        scene: poses of cameras, and unit of length; None: unknown.
+        ranks: index of the colour of each target.
+        job: receives notes on what is not drawn.
+
+    Raises:
+        UsageError: there are tracks on the ground, but neither a scene nor tracks in images.
     """
     if asked.ground_tracks is None:
         return None
@@ -315,7 +327,7 @@ def _world(
 def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
     """Return the first decodable image of the camera `name`; InputError without one.
 
-    Frames before it are recorded in `lost`.
+    Frames before it are recorded in `lost`, in place.
     """
     for frame in recording.frames([name]):
         image = lost.image(frame)
@@ -329,15 +341,20 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> OverlayRig:
-    """Return the views with the sizes of their first images, cameras, and the tracker's epipolar geometry if known.
+    """Return the views, with the sizes of their first images, and their epipolar geometry if tracks are drawn.
+
+    The geometry comes from fundamental matrices or from poses, see `known_geometry`; None without tracks in images.
 
     Args:
-        asked: the request.
+        asked: names the tracks, and files with the scene and with fundamental matrices, if any.
         recording: the images.
-        names: of the cameras.
-        scene: poses; None: unknown.
-        lost: records frames that cannot be decoded.
-        job: prints notes.
+        names: names of the cameras, one for each view.
+        scene: has the cameras, for lens distortion; None: unknown.
+        lost: records frames that cannot be decoded, in place.
+        job: receives notes on the geometry.
+
+    Raises:
+        InputError: no image of a camera can be decoded.
     """
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
@@ -352,7 +369,10 @@ def _rig(
 
 
 def _numbered(asked: OverlayRequest) -> bool:
-    """Whether trackers have the numbers of their targets (not if initiated by detections)."""
+    """Return whether trackers have the numbers of their true targets.
+
+    They have not if they were initiated by detections, or if failures are of targets not assigned by identity.
+    """
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures
     own = read_provenance(failures).parameters.get("assigned_target") if failures is not None else None

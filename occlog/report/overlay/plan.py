@@ -50,14 +50,14 @@ class PlanRenderer:
     def __init__(
         self, scene: Scene, shown: Floats, metres: float, size: tuple[int, int], ranks: Mapping[int, int]
     ) -> None:
-        """Draw the static parts.
+        """Draw the static parts: floor, walls, occluders, sensors.
 
         Args:
             scene: room, occluders and sensors.
-            shown: (K, 2) points inside the plan, in addition to the sensors.
-            metres: length of the scene's unit.
-            size: width and height of the picture under its bar [px].
-            ranks: position of each target among all by identity.
+            shown: (K, 2) points that the plan must contain, in the scene's unit, in addition to the sensors.
+            metres: metres per unit of length.
+            size: width and height of the picture without its title bar [px].
+            ranks: index of the colour of each target.
         """
         self._ranks, self._metres = ranks, metres
         everything = metres * np.vstack([shown, *(sensor.position[:2] for sensor in placed(scene))])
@@ -69,13 +69,13 @@ class PlanRenderer:
         self._still, self._names = self._draw_still(scene, size)
 
     def draw(self, crowd: PeopleDrawing, truth: Sequence[Floats], t_ns: int, seconds: float) -> Bytes:
-        """(BAR + height, width, 3) picture of the plan at a time, under a bar with the elapsed time.
+        """Return the picture (BAR + height, width, 3), BGR, of the plan at a time, under a bar with the elapsed time.
 
         Args:
-            crowd: estimates.
+            crowd: estimates with trails.
             truth: (2,) true positions [m].
-            t_ns: the time.
-            seconds: since the start.
+            t_ns: the time [ns].
+            seconds: time since the start [s].
         """
         picture, taken = self._still.copy(), list(self._names)
         people = crowd.at(t_ns)
@@ -111,7 +111,7 @@ class PlanRenderer:
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:
-        """Return the picture of floor, walls, occluders and sensors, and the boxes of their names.
+        """Return the picture (height, width, 3) of floor, occluders and sensors, and the boxes of the sensors' names.
 
         `size`: width and height [px].
         """
@@ -135,7 +135,10 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """Return the corners (3, 2) of a camera's mark [px], which opens in the direction `yaw` [rad] in the world."""
+    """Return the corners (3, 2) [px] of the triangle that marks a camera, relative to its position.
+
+    It opens in the direction `yaw` [rad] in the world; y of pixels points down.
+    """
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])
@@ -149,10 +152,10 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class Latest(Generic[T]):
-    """Rows of the latest time of a table that is read once."""
+    """Reads a table once, in the order of time, and hands out the rows of one time after another."""
 
     def __init__(self, path: Path, table: type[T], unit: str | None) -> None:
-        """Open the table; `unit`: of lengths (None: that of the file). InputError for another unit."""
+        """Open the table; InputError if its lengths are in another unit than `unit` (None: any)."""
         opened = open_input(path)
         if unit is not None:
             check_unit(opened, unit, "the scene", InputError)
@@ -171,9 +174,9 @@ class Latest(Generic[T]):
 
 
 class OverlayTables(NamedTuple):
-    """Tables in the world: tracks, diagnostics, and the input with true positions.
+    """Files with tracks on the ground, filter diagnostics, and true positions (None: missing).
 
-    `unit`: of their lengths; None: as in the files.
+    `unit`: required unit of their lengths; None: any.
     """
 
     tracks: Path
@@ -183,15 +186,15 @@ class OverlayTables(NamedTuple):
 
 
 class GroundTrackPositions:
-    """Positions of targets in the world at nondecreasing frame times."""
+    """Positions of targets on the ground, and true ones, at frame times, which must not decrease."""
 
     def __init__(self, sources: OverlayTables, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
         """Open the tables.
 
         Args:
             sources: tracks, and diagnostics and truth if there are any.
-            metres: metres per length unit.
-            ranks: number of the colour of each target.
+            metres: metres per unit of length.
+            ranks: index of the colour of each target.
             trail_s: length of trails [s].
         """
         tracks, diagnostics, truth, unit = sources
@@ -219,9 +222,10 @@ class GroundTrackPositions:
             self.true = list(self._metres * np.column_stack([true.x[own], true.y[own]]))
 
     def ways(self, camera: Camera, t_ns: int) -> list[LineDrawing]:
-        """Outlines, floor ellipses and trails projected into a camera.
+        """Return body outlines, ellipses on the floor and trails of all targets, projected into a camera's image [px].
 
-        Outlines and ellipses are dashed if the target is uncertain, or not detected by the camera.
+        Outlines and ellipses are dashed if the target is uncertain, or not detected by the camera. `t_ns`: the time
+        [ns].
         """
         out = []
         for person in self.crowd.at(t_ns):
@@ -243,7 +247,7 @@ class GroundTrackPositions:
 
 
 class Trails:
-    """Trails of targets' feet in the images of one camera."""
+    """Trails of targets' feet (lowest points of their ellipses) in the images of one camera."""
 
     def __init__(self, trail_s: float) -> None:
         """Create trails of the last `trail_s` seconds, without targets."""
@@ -251,7 +255,7 @@ class Trails:
         self._positions: dict[int, deque[tuple[int, Floats]]] = {}
 
     def ways(self, rows: ViewTracks, t_ns: int) -> list[LineDrawing]:
-        """Add the rows of a frame; return the trails of the targets in it."""
+        """Add the rows of a frame at the time `t_ns` [ns]; return the trails of the targets in it."""
         ellipses = np.column_stack([rows.x_px, rows.y_px, rows.a_px, rows.b_px, rows.rho])
         for target, foot in zip(rows.target_id.tolist(), anchors(ellipses, True), strict=True):
             self._positions.setdefault(target, deque()).append((t_ns, foot))
@@ -267,14 +271,20 @@ class Trails:
 
 
 def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[int, int]:
-    """Return the rank of each target identity over all tables (`paths`: type by file), by a pass over their rows."""
+    """Return the rank of each target identity among all identities of some tables, by a pass over their rows.
+
+    `paths`: type of the table by file.
+    """
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}
 
 
 def extent_of(tracks: Path) -> Floats:
-    """(2, 2) lower and upper corner of the ground positions within three standard deviations of their mean."""
+    """Return lower and upper corner (2, 2) of the ground positions within three standard deviations of their mean.
+
+    Shape (0, 2) if the table has no rows.
+    """
     total, squares, count = np.zeros(2), np.zeros(2), 0
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for rows in open_input(tracks).rows(Tracks):

@@ -23,14 +23,14 @@ from .pictures import Pictures
 
 
 def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
-    """Return the losses recorded in the inputs, without duplicates."""
+    """Return the data losses recorded in the inputs, without duplicates."""
     tables = (asked.recording, asked.tracks, asked.ground_tracks, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
 
 
 def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
-    """Draw, and write the video and the picture; return a summary and the losses."""
+    """Draw tracks and truth over the frames, and write the video and the picture; return a summary and the losses."""
     asked = classify_inputs(request)
     _check(asked)
     recording = open_recording(asked.recording)
@@ -66,7 +66,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
 
 
 def _check(asked: OverlayRequest) -> None:
-    """UsageError if there is nothing to draw, no output, or options that do not go together."""
+    """Raise UsageError if there is nothing to draw, no output, or options that do not go together."""
     if asked.tracks is None and asked.truth is None and asked.ground_tracks is None:
         raise UsageError(
             f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both",
@@ -85,7 +85,7 @@ def _check(asked: OverlayRequest) -> None:
 
 
 def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
-    """Assign the inputs of a run folder, and tracks in the world, to the request."""
+    """Return the request with TRACKS resolved: files of a run folder, or tracks on the ground instead of in images."""
     given = asked.tracks
     if given is not None and given.is_dir():
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}

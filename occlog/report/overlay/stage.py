@@ -25,7 +25,13 @@ BENT = 65
 
 
 class OverlayFrameRows(NamedTuple):
-    """Rows of each table for one frame of one camera; None for missing tables."""
+    """Rows of each table for one frame of one camera; None for missing tables.
+
+    Attributes:
+        tracks: tracks in images.
+        truth: true boxes.
+        failures: failures of the tracks.
+    """
 
     tracks: ViewTracks | None
     truth: TruthBoxes | None
@@ -33,7 +39,15 @@ class OverlayFrameRows(NamedTuple):
 
 
 class OverlayRig(NamedTuple):
-    """Views that are drawn, with their epipolar geometry."""
+    """Views that are drawn, with their epipolar geometry.
+
+    Attributes:
+        views: the views.
+        cameras: camera of each view in the scene, for lens distortion; None: unknown.
+        geometry: epipolar geometry; None: no epipolar lines are drawn.
+        numbered: a tracker has the number of its target; otherwise the two numbers are unrelated.
+        bottom: epipolar lines are those of the lowest points of ellipses (feet); otherwise of their centres.
+    """
 
     views: Sequence[TrackedView]
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
@@ -43,18 +57,17 @@ class OverlayRig(NamedTuple):
 
 
 def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: OverlayRig) -> FrameDrawing:
-    """Drawings over one frame.
+    """Return the drawings over one frame of a view.
+
+    Estimates are dashed while only neighbours act on them, or where the view has no box of the person; strong with help
+    from other views, with the epipolar lines of these estimates. Drawn are also links of estimates that touch, true
+    positions, and failures.
 
     Args:
-        view: its number in the rig.
-        frame: its number in the camera's stream.
-        rows: for each view of the rig, the rows of its latest frame.
+        view: index of the view.
+        frame: number of the frame in the camera's stream.
+        rows: for each view, the rows of its latest frame.
         rig: the views.
-
-    Returns:
-        Estimates: dashed while only neighbours act on them, or where the view has no box of the person; strong with
-        help from other views, with the epipolar lines of their estimates; links of those that touch; true
-        positions; failures.
     """
     tracks, truth, failures = rows[view]
     labels = _label_failures(failures) if rig.numbered else {}
@@ -73,7 +86,7 @@ def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: Ove
 
 
 def _label_failures(failures: Failures | None) -> dict[int, int]:
-    """Target that a tracker is on, by its assigned target."""
+    """Return the target that a tracker is on, by its assigned target, for label failures."""
     if failures is None:
         return {}
     rows = np.flatnonzero(failures.kind == "label")
@@ -81,7 +94,7 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
 
 
 def _others(failures: Failures | None, numbered: bool) -> list[str]:
-    """Return texts about label failures of trackers; empty if they are `numbered`, since their numbers show them."""
+    """Return texts about label failures of trackers; empty if trackers have the numbers of targets (`numbered`)."""
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")
@@ -106,7 +119,7 @@ def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
 
 
 def _links(tracks: ViewTracks) -> list[Floats]:
-    """Centres of touching pairs of targets, each pair once."""
+    """Return the centres (2, 2) [px] of each pair of targets that touch, each pair once."""
     centres = np.column_stack([tracks.x_px, tracks.y_px])
     row = {target: k for k, target in enumerate(tracks.target_id.tolist())}
     pairs = {
@@ -130,12 +143,12 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[TruePos
 def _lines(
     view: int, tracks: ViewTracks, rows: Sequence[OverlayFrameRows], rig: OverlayRig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
-    """Return (target, points) of the epipolar lines in a view from other views that constrain its targets.
+    """Return (target, points (k, 2) [px]) of the epipolar lines in a view, from other views that constrain its targets.
 
     Args:
         view: index of the view.
         tracks: its rows.
-        rows: of each view at this time.
+        rows: rows of each view at this time.
         rig: views and cameras.
         geometry: fundamental matrices.
     """
@@ -152,13 +165,15 @@ def _lines(
 def _line(
     target: int, helper: int, view: int, tracks: ViewTracks | None, rig: OverlayRig, geometry: ViewGeometry
 ) -> Floats | None:
-    """Return the recorded pixels (k, 2) of an epipolar line; None without a line, or if it misses the image.
+    """Return the points (k, 2) [px] of the epipolar line of a target's estimate in another view.
+
+    Lens distortion bends it. None without an estimate or line, or if it misses the image.
 
     Args:
-        target: target of the estimate.
+        target: identity of the target.
         helper: index of the view of the estimate.
         view: index of the view of the line.
-        tracks: rows of the helper; None: none.
+        tracks: rows of the helper view; None: none.
         rig: views and cameras.
         geometry: fundamental matrices.
     """
@@ -176,10 +191,10 @@ def _line(
 
 
 def line_in_image(line: Floats, view: TrackedView, camera: Camera | None) -> Floats | None:
-    """(k, 2) recorded pixels along a line in undistorted pixels, near the image; None if it misses the image.
+    """Return pixels (k, 2) of the recorded image along a line of the undistorted image; None if it misses the image.
 
     Args:
-        line: (3,) with l1^2 + l2^2 = 1.
+        line: (3,) l1 u + l2 v + l3 = 0 in undistorted pixels, with l1^2 + l2^2 = 1.
         view: with the image's size.
         camera: its lens distortion bends the line; None: it is straight.
     """

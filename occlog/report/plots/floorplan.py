@@ -30,14 +30,14 @@ CHARACTER = 0.62
 
 
 def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, keep_free: list[Floats]) -> None:
-    """Place a name at each point, on a free side, outward first.
+    """Write a name next to each point, where it covers least, preferably on the side away from the centre.
 
     Args:
         axes: where to draw; its limits must be set to `limits`, with equal scales.
         points: (N, 2) in data coordinates.
         texts: N names.
         limits: (2, 2) lower and upper corner of the axes.
-        keep_free: boxes (2, 2) in data coordinates that no name should cover.
+        keep_free: boxes, (2, 2) lower and upper corner in data coordinates, that no name should cover.
     """
     window = axes.get_window_extent()
     extent = limits[1] - limits[0]
@@ -72,9 +72,9 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, k
 
 
 def _offsets(outward: Floats, shape: Floats) -> list[Floats]:
-    """Return centres of a label relative to its point: eight directions at two distances, outward first [points].
+    """Return possible offsets (2,) [points] of a label's centre from its point: eight directions at two distances.
 
-    `outward`: (2,) preferred direction; `shape`: (2,) width and height of the label.
+    Those towards `outward` (2,) come first. `shape`: (2,) width and height of the label.
     """
     angles = np.arange(8) * np.pi / 4
     first = float(np.arctan2(outward[1], outward[0]))
@@ -89,12 +89,18 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """Return how far the box (2, 2: low, high) of a label extends beyond the limits (2, 2), in their unit."""
+    """Return how far a label's box extends beyond limits, summed over both axes.
+
+    Both are (2, 2): lower and upper corner.
+    """
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
 def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
-    """Set the limits (2, 2: low, high), equal scale and axis names of a plan, in `unit`, without grid."""
+    """Set limits, equal scales and axis titles, in `unit`, of a plan, and remove the grid.
+
+    `limits`: (2, 2) lower and upper corner of the plan.
+    """
     axes.grid(False)
     axes.set_xlim(limits[0, 0], limits[1, 0])
     axes.set_ylim(limits[0, 1], limits[1, 1])
@@ -106,7 +112,7 @@ def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
 def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]:
     """Draw the static parts of a scene; return the entries of the legend.
 
-    `limits`: (2, 2) of the plan, low and high.
+    `limits`: (2, 2) lower and upper corner of the plan.
     """
     handles: list[Line2D | Patch] = []
     if scene.room is not None:
@@ -138,9 +144,9 @@ def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]
 
 
 def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
-    """(K, 2) polygon of the floor visible to a camera, up to a distance `far`.
+    """Return the polygon (K, 2) of the floor that a camera sees, up to the distance `far`.
 
-    It is cut off by occluders, and by the room's walls if the camera is inside.
+    It is cut off by static occluders, and by the room's walls if the camera is inside.
     """
     walls = [edges_of(o.polygon) for o in scene.occluders]
     if scene.room is not None and Polygon(scene.room).get_path().contains_point(tuple(camera.ground)):
@@ -152,7 +158,10 @@ def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
 
 
 def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
-    """Draw a camera's field of view, cut off by occluders and walls; `limits`: (2, 2) of the plan."""
+    """Draw a camera's field of view, cut off by occluders and walls.
+
+    `limits`: (2, 2) lower and upper corner of the plan.
+    """
     area = view_area(scene, camera, float(np.hypot(*(limits[1] - limits[0]))))
     wedge = Polygon(
         area,
@@ -168,9 +177,9 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
 
 
 def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
-    """Draw cameras as dots, with short lines along their optical axes; return the entry of the legend.
+    """Draw cameras as squares, with short arrows along their optical axes; return the entry of the legend.
 
-    `limits`: (2, 2) of the plan.
+    `limits`: (2, 2) lower and upper corner of the plan.
     """
     for camera in cameras:
         tip = _tip(camera, limits)
@@ -197,15 +206,18 @@ def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
 
 
 def _tip(camera: Camera, limits: Floats) -> Floats:
-    """Return the end (2,) of the line along a camera's optical axis, by the `limits` (2, 2) of the plan."""
+    """Return the end (2,) of the arrow along a camera's optical axis.
+
+    Its length is 0.05 times the longer side of the plan with the lower and upper corner `limits` (2, 2).
+    """
     length = 0.05 * float((limits[1] - limits[0]).max())
     return np.asarray(camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)]))
 
 
 def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
-    """Write the names of all sensors, clear of axis lines and the scale bar.
+    """Write the names of all sensors, clear of the optical axes and the scale bar.
 
-    `limits`: (2, 2) of the plan; `bar`: (2, 2) box of the scale bar.
+    `limits`, `bar`: (2, 2) lower and upper corner of the plan and of the scale bar's box.
     """
     names: dict[tuple[float, float], list[str]] = {}
     for name, xy in sensor_positions(scene).items():
@@ -216,9 +228,9 @@ def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
 
 
 def draw_scale_bar(axes: Axes, limits: Floats, unit: str) -> Floats:
-    """Draw a scale bar in the lower right corner; return its box (2, 2: low, high) with its label.
+    """Draw a scale bar in the lower right corner; return its box with the label: (2, 2) lower and upper corner.
 
-    `limits`: (2, 2) of the plan, in `unit`.
+    `limits`: (2, 2) lower and upper corner of the plan, in `unit`.
     """
     size = limits[1] - limits[0]
     goal = 0.15 * float(size.max())
@@ -285,7 +297,10 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
 
 
 def plan_limits(data: ReportInput) -> Floats:
-    """(2, 2) lower and upper corners of the drawing: the whole scene, and paths except for few outliers."""
+    """Return lower and upper corner (2, 2) of the floor plan: the scene without far cameras, and paths.
+
+    Outliers of paths, beyond their 0.5 % and 99.5 % quantiles, may be outside.
+    """
     points = []
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
@@ -307,7 +322,11 @@ def plan_limits(data: ReportInput) -> Floats:
 
 
 def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene without cameras so distant that the room would be a dot, and their names."""
+    """Return the scene without cameras so distant that the room would be a dot, and the names of the removed ones.
+
+    They are farther from the room's centre than `MAX_CAMERA_DISTANCE_ROOMS` times its size, on an axis. Without a room
+    none is removed.
+    """
     if scene.room is None:
         return scene, []
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
@@ -317,7 +336,7 @@ def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
 
 
 def _ahead(scene: Scene) -> Floats:
-    """(N, 2) points in front of the cameras, at about their mutual distance."""
+    """Return points (N, 2) in front of N cameras, at 1.2 times the extent of the cameras."""
     cameras = [c for c in scene.cameras if c.placed]
     at = np.array([c.ground for c in cameras]).reshape(-1, 2)
     spread = float(np.ptp(at, axis=0).max()) if len(at) else 0.0
@@ -335,7 +354,7 @@ def outside(data: ReportInput) -> int:
 
 
 def bold_from(data: ReportInput) -> int | None:
-    """Time [ns] from which paths are drawn boldly; None if whole paths are."""
+    """Return the time [ns] from which paths are drawn boldly, if some are very long; None: whole paths are."""
     limits = plan_limits(data)
     diagonal = float(np.hypot(*(limits[1] - limits[0])))
     starts = []
@@ -364,13 +383,16 @@ def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
 
 
 def _rows_of(truth: Truth, role: str) -> dict[int, Ints]:
-    """Return the rows of each identity with a role (`target` or `occluder`)."""
+    """Return the row numbers of each identity with a role (`target` or `occluder`) in a truth."""
     those = np.flatnonzero(truth.role == role)
     return {identity: those[rows] for identity, rows in rows_by_label(truth.target_id[those])}
 
 
 def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: Any) -> None:
-    """Draw the path in `rows` of a table, thinned to extremes in `points` sections, broken at gaps."""
+    """Draw the path given by the row numbers `rows` (n,) of a table, broken at gaps.
+
+    It is cut into `points` sections, of each of which only the extremes are drawn.
+    """
     part = table.take(rows)
     keep = thin_path(np.column_stack([part.x, part.y]), points)
     x, y = broken(part.t_ns, keep, part.x, part.y)
@@ -378,9 +400,9 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """Draw the path in `rows` of a table; parts before `since` [ns] are faint, None: none.
+    """Draw the path given by the row numbers `rows` (n,) of a table; parts before `since` [ns] are faint (None: none).
 
-    It is thinned to extremes in `points` sections, and broken at gaps.
+    It is broken at gaps, and cut into `points` sections, of each of which only the extremes are drawn.
     """
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
@@ -440,7 +462,7 @@ def _estimate(
 
 
 def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Ellipse:
-    """Return the 95 % confidence ellipse of the position in a row; a known position gives one without area."""
+    """Return the 95 % confidence ellipse of the position in a row as a patch; it has no area if the covariance is 0."""
     covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
     minor, major = 2.0 * np.sqrt(CHI2_95_2D * np.maximum(values, 0.0))
@@ -456,7 +478,7 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
 
 
 def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
-    """Draw the priors at few evenly spread time steps; return their legend."""
+    """Draw the priors of moving occluders at a few evenly spaced times; return the entries of the legend."""
     there = priors.take(priors.occluder_id >= 0)
     if not len(there):
         return []
@@ -473,7 +495,7 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
 
 
 def drawn_times(t_ns: Ints) -> Ints:
-    """Return the times at which priors are drawn, up to `MAX_DRAWN_TIMES` of `t_ns`, evenly spaced [ns]."""
+    """Return the times [ns] at which occluder priors are drawn: up to `MAX_DRAWN_TIMES` of `t_ns`, evenly spaced."""
     times = np.unique(t_ns)
     if not len(times):
         return times

@@ -42,9 +42,9 @@ OF_ALL = 600
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
-    """Draw the distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z.
+    """Draw a target's error with running RMSE and bound, then a row for each axis: error along x, y and, if known, z.
 
-    `all_errors`: of all targets; `target`: its label.
+    `all_errors`: of all targets; `target`: identity in the errors.
     """
     errors = of_target(all_errors, target)
     names = axes_of(errors)
@@ -65,13 +65,13 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
 
 
 def of_target(table: T, target: int) -> T:
-    """Rows of a target; the table itself if it has no other target."""
+    """Return the rows of a target; the table itself if it has no other target."""
     own = table.target_id == target
     return table if own.all() else table.take(own)
 
 
 def axes_of(errors: Errors) -> str:
-    """Axes with errors: x, y and, if any height is known, z."""
+    """Return the axes with errors: `xy`, or `xyz` if any error of height is known."""
     return "xyz" if np.isfinite(errors.error_z).any() else "xy"
 
 
@@ -83,10 +83,10 @@ def _distance(
     Args:
         axes: drawn on.
         data: running figures and time axis.
-        target: its label.
-        errors: of the target.
-        bound: of the target; None: unknown.
-        colour: of the target.
+        target: its identity.
+        errors: errors of the target.
+        bound: bound of the target; None: unknown.
+        colour: colour of the target.
         buckets: number of sections to which lines are thinned.
     """
     time, figures = data.time, data.figures
@@ -121,9 +121,9 @@ def _distance(
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
-    """Draw one line, thinned to the extremes of `buckets` sections, broken at gaps.
+    """Draw a line over time, thinned to the extremes of `buckets` sections, and broken at gaps.
 
-    `values`: (n,) at the times `t_ns` (n,) [ns], which `time` converts.
+    `values`: (n,) at the times `t_ns` (n,) [ns]; `time`: converts them to the axis; `style`: keywords of Matplotlib.
     """
     if len(values):
         keep = extremes(values, buckets)
@@ -134,7 +134,7 @@ def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = 
 def mark_clipped(
     axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str, *, all_there: bool = True
 ) -> None:
-    """Mark values beyond the upper edge, with the highest one as text.
+    """Mark values beyond the upper edge of a plot by triangles, with the number of them and the highest one as text.
 
     Args:
         axes: drawn on.
@@ -142,8 +142,8 @@ def mark_clipped(
         t_ns: (n,) times [ns].
         values: (n,) values.
         top: upper edge of the axes.
-        unit: of the values.
-        all_there: their number is stated, since none is left out.
+        unit: unit of the values.
+        all_there: whether `values` are all, so that their number is stated.
     """
     over = np.flatnonzero(values > top)
     if not len(over):
@@ -168,16 +168,16 @@ def _axis_error(
     colour: str,
     buckets: int,
 ) -> None:
-    """Draw the signed error along one axis, with the spread by the filter and by the bound.
+    """Draw the signed error along one axis, with two standard deviations by the filter and by the bound.
 
     Args:
         axes: drawn on.
         data: time axis and unit.
-        errors: of the target.
-        bound: of the target; None: unknown.
-        tracks: of the target, with covariances; None: unknown.
+        errors: errors of the target.
+        bound: bound of the target; None: unknown.
+        tracks: tracks of the target, with covariances; None: unknown.
         name: `x`, `y` or `z`.
-        colour: of the target.
+        colour: colour of the target.
         buckets: number of sections to which lines are thinned.
     """
     # Columns alone: of a long run tables are large
@@ -205,20 +205,20 @@ def _axis_error(
 
 
 def _known(t_ns: Ints, values: Floats) -> tuple[Ints, Floats]:
-    """Return times and values (n,) without the rows of values that are NaN."""
+    """Return times and values, each (n,), without the rows in which the value is NaN."""
     known = np.isfinite(values)
     return t_ns[known], values[known]
 
 
 def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
-    """Draw the filter's +-2 standard deviations, broken at gaps.
+    """Draw the filter's band of +-2 standard deviations about 0, broken at gaps.
 
     Args:
         axes: drawn on.
         time: time axis.
         t_ns: (n,) times [ns].
         spread: (n,) two standard deviations.
-        colour: of the target.
+        colour: colour of the target.
         buckets: number of sections to which the band is thinned.
     """
     named = "± 2 standard deviations of the filter"
@@ -245,9 +245,9 @@ FALLBACKS = {
 
 
 def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics) -> None:
-    """Draw the effective sample size of each target's filter, with a mark at each fallback.
+    """Draw the effective sample size of each target's filter over time, with a mark at each fallback.
 
-    For a method without particles the position's standard deviation is drawn.
+    For a method without particles the position's standard deviation is drawn instead.
     """
     axes = figure.add_subplot()
     if data.filter_diagnostics is None or not data.filter_diagnostics.particles:
@@ -279,7 +279,7 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
 
 
 def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
-    """Add marks of fallbacks, time axis and legend to a figure with these axes."""
+    """Add marks of fallbacks, time axis and legend to a plot of the filter."""
     _fallbacks(axes, data)
     axes.set_xlabel(data.time.label)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))
@@ -287,7 +287,7 @@ def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
 
 
 def _scale(axes: Axes, low: float, high: float) -> None:
-    """Scale an ordinate from zero, or logarithmically if `high` is more than 20 times `low` (both of the data)."""
+    """Scale an ordinate from zero, or logarithmically if the largest value, `high`, exceeds 20 times `low`."""
     low = max(low, 1.0)
     if high <= 20.0 * low:
         axes.set_ylim(0.0, 1.1 * max(high, 1.0))
@@ -300,7 +300,7 @@ def _scale(axes: Axes, low: float, high: float) -> None:
 
 
 def _fallbacks(axes: Axes, data: ReportInput) -> None:
-    """Draw marks of the filter's fallbacks at the lower edge, with their numbers in the legend."""
+    """Draw marks of the filter's fallbacks at the lower edge, by kind, with their numbers in the legend."""
     for kind, found in data.filter_diagnostics.fallbacks.items() if data.filter_diagnostics is not None else ():
         colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
         axes.plot(
@@ -321,7 +321,7 @@ DOT_MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
 def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
-    """Draw a target's distance to triangulated positions, and each sensor's residual [deg] below."""
+    """Draw the distance of a target's track from triangulated positions, and bearing residuals [deg] below."""
     found = data.sight[target]
     handles: list[Line2D] = []
     if found.rows:
@@ -348,7 +348,7 @@ def _plot_distance(axes: Axes, data: ReportInput, found: TriangulationDistances,
 
 
 def _residuals(axes: Axes, data: ReportInput, found: DirectionErrors) -> list[Line2D]:
-    """Draw residuals [deg] as dots, with a marker per sensor; return the entries of the legend."""
+    """Draw bearing residuals [deg] as dots, with a marker for each sensor; return the entries of the legend."""
     degrees = np.degrees(found.residual)
     handles = []
     for i, name in enumerate(found.names):
@@ -377,10 +377,10 @@ HEIGHT = 0.72
 
 
 def watched(data: ReportInput) -> tuple[int, ...]:
-    """Targets with labelled bearings; -1 (any object) only if there is no other.
+    """Return the labels of bearings for which observation coverage is drawn; -1 (any object) only without others.
 
     Empty without bearings, and for tracks of all people if all bearings are detections, which would show every sensor
-    as seeing at all times.
+    as detecting at all times.
     """
     coverage = data.coverage
     if coverage is None or (data.people_tracks is not None and coverage.seen == coverage.rows):
@@ -389,14 +389,14 @@ def watched(data: ReportInput) -> tuple[int, ...]:
 
 
 def sensors(data: ReportInput) -> tuple[str, ...]:
-    """Names of all sensors, in scene order, then those in bearings only."""
+    """Return the names of all sensors: in the order of the scene, then those in bearings only."""
     return scene_order(data.scene, [] if data.coverage is None else data.coverage.sensors)
 
 
 def draw_visibility(
     figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
-    """Draw a row for each sensor (or the first `most`): when it saw the target; the first sensor is on top."""
+    """Draw a row for each of the first `most` sensors: when it detected the target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
     cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
@@ -408,7 +408,7 @@ def draw_visibility(
 
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
-    """Merge neighbouring frames into at most a given number of cells."""
+    """Return the counts of a sensor with neighbouring intervals merged, so that at most `most` remain."""
     together = -(-len(found.observed) // most)
     if together <= 1:
         return found
@@ -418,7 +418,7 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
-    """Draw a bar for each sensor, with its share of detections, and its name in `names`; the first sensor is on top."""
+    """Draw a bar for each sensor over time, with its name and its share of detections; the first sensor is on top."""
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
@@ -430,14 +430,14 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names
 
 
 def _percent(share: float) -> str:
-    """Format a share as whole per cent; 0 and 100 only if exact."""
+    """Return a share, 0 to 1, as text in whole per cent; 0 and 100 only if exact."""
     if 0.0 < share < 1.0:
         return f"{min(max(round(100 * share), 1), 99)} %"
     return f"{100 * share:.0f} %"
 
 
 def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
-    """Write the names of rows at the left and their shares (texts) at the right; the first row is on top."""
+    """Write the names of rows on the left and texts (`shares`) on the right of a plot; the first row is on top."""
     ticks = [-float(i) for i in range(len(names))]
     axes.set_yticks(ticks, names)
     axes.set_ylim(-len(names) + 1 - 0.6, 0.6)
@@ -451,7 +451,7 @@ def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
 
 
 def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
-    """Draw a sensor's bar at the ordinate y: grey without frame, orange if observing, blue for detections' share."""
+    """Draw a sensor's bar at the ordinate y: grey without frames, else orange, blue up to the share of detections."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
     if not len(found.observed):
@@ -465,7 +465,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
 
 
 def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
-    """Borders of the intervals, and share of detections (NaN without frames), with equal neighbours merged."""
+    """Return interval borders [ns] and the share of detections (NaN without frames), equal neighbours merged."""
     share = np.where(found.observed > 0, found.seen / np.maximum(found.observed, 1), -1.0)
     first = np.concatenate([[True], np.diff(share) != 0])
     edges = np.append(found.edges[:-1][first], found.edges[-1])
@@ -479,7 +479,7 @@ SEEN, SINGLE_VIEW, COASTING = "seen", "view", "hidden"
 
 
 def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: PeopleStatistics) -> None:
-    """Draw the number of people over time above, and a row for each of them below.
+    """Draw the number of people over time above, and a row for each of the longest tracks below.
 
     `tracks`: rows of the people; `found`: their statistics.
     """
@@ -501,7 +501,7 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
 
 
 def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics) -> None:
-    """Draw for each camera, over time, the share of the people there that it has a box of."""
+    """Draw for each camera, over time, the share of the people that it has a box of."""
     names = found.cameras[:MAX_SENSORS]
     axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
@@ -527,7 +527,7 @@ def _counts(axes: Axes, data: ReportInput, found: PeopleCount) -> None:
 
 
 def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
-    """Draw a bar at the ordinate y for a person's presence, coloured by the number of detecting cameras.
+    """Draw a person's presence as a bar at the ordinate y, coloured by whether several, one or no camera detects them.
 
     `own`: rows of the person.
     """
@@ -544,7 +544,7 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
 
 
 def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> None:
-    """Mark possible identity switches in the row of each of the identities `people` (n,); None: no events."""
+    """Mark possible identity switches in the rows of the identities `people` (n,); nothing without events (None)."""
     if events is None:
         return
     doubts = events.take((events.kind == "possible_switch") & np.isin(events.target_id, people))
@@ -566,7 +566,7 @@ def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
 
 
 def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
-    """Return the cameras of the scene in order, then those that are only in the selections."""
+    """Return the names of the cameras: those of the scene in order, then those in the selections only."""
     known = () if data.scene is None else tuple(c.name for c in data.scene.cameras)
     return (*known, *sorted(set(found.shares) - set(known)))
 

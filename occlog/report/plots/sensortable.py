@@ -17,7 +17,11 @@ from .over_time import sensors
 
 @dataclass(frozen=True)
 class SensorRow:
-    """Formatted row of one sensor; angles in degrees."""
+    """Row of the table of sensors as text: name, kind, position, yaw and field of view [deg], counts, residuals.
+
+    `frames`, `seen`, `share`: numbers of observations and detections, and their ratio [%]; `residual`, `fit`: RMS
+    residual of bearings [deg], and in standard deviations.
+    """
 
     name: str
     kind: str
@@ -39,7 +43,10 @@ def sensor_rows(data: ReportInput) -> list[SensorRow]:
 
 
 def sensor_columns(rows: Sequence[SensorRow], unit: str) -> list[tuple[str, str]]:
-    """Fields and headings of the columns with a value; observations only if some of them are no detection."""
+    """Return (field, heading) of the columns of the table of sensors that have a value.
+
+    Columns of observations are left out if all of them are detections.
+    """
     heads = {
         "kind": "Kind",
         "position": f"Position [{unit}]",
@@ -77,7 +84,7 @@ def _point(position: Floats) -> str:
 
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
-    """Return numbers of frames and detections of the sensor `name`, and their ratio [%], as text."""
+    """Return numbers of observations and detections of the sensor `name`, and their ratio [%], as text."""
     if data.coverage is None:
         return "–", "–", "–"
     observed, seen = data.coverage.sensors.get(name, (0, 0))
@@ -85,7 +92,7 @@ def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
 
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
-    """RMS distance of the track from each sensor's lines of sight, in degrees and in standard deviations."""
+    """Return the RMS residual of each sensor's bearings as text: in degrees, and in standard deviations."""
     every, out = list(data.residuals.values()), {}
     for name in dict.fromkeys(name for found in every for name in found.rows):
         rows = sum(found.rows[name] for found in every)

@@ -35,7 +35,14 @@ Layer = tuple[str, str, bool]
 
 @dataclass(frozen=True)
 class Peak:
-    """A large error: target, size, and time [s since the start]."""
+    """A large error, to which the replay can be moved.
+
+    Attributes:
+        target: identity of the target.
+        kind: phrase that names the kind of error.
+        error: size of the error, in the unit of lengths.
+        seconds: time [s since the start].
+    """
 
     target: int
     kind: str
@@ -45,18 +52,18 @@ class Peak:
 
 @dataclass(frozen=True)
 class Replay:
-    """The time steps of a run for the page.
+    """Data of the page's replay of a run.
 
     Attributes:
-        json: what the script is given, safe inside a `<script>` element.
-        words: shown and skipped items, in sentences.
-        targets: identities that can be switched off, with the number of their colour.
-        layers: names of layers, with their labels and initial visibility.
+        json: input of the script, safe inside a `<script>` element.
+        words: sentences about what is shown and what is skipped.
+        targets: identities that can be switched off, with the index of their colour.
+        layers: layers that can be switched off: name, label, initial visibility.
         peaks: the largest errors, the largest first.
         cameras: names of the cameras that have images.
         plan: whether there is a floor plan.
         errors: whether errors of the targets are known.
-        existence: whether probabilities of existence are known.
+        existence: whether existence probabilities are known.
     """
 
     json: str
@@ -71,7 +78,7 @@ class Replay:
 
 
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
-    """Replay data of a run; None if nothing moves."""
+    """Return the data of the replay of a run; None with fewer than two time steps."""
     limits = plan_limits(data)
     # In images it is seen that there is no target
     steps = ReplaySteps(data, limits, imaged=images.times) if data.in_images and images else ReplaySteps(data, limits)
@@ -99,7 +106,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
 
 
 def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
-    """Plan data at each time step, the interval of steps with lines of sight, and the layers."""
+    """Return the plan's data at each time step, the interval of the steps with lines of sight, and the layers."""
     sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], steps.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()
@@ -142,9 +149,9 @@ def _rounded(points: Floats) -> list[Any]:
 
 
 def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
-    """Return the step to which standard deviations are rounded, such that the largest fits 16 bits [length].
+    """Return the quantisation step of standard deviations [length], such that the largest fits 16 bits.
 
-    The largest counts up to twice the size of the plan.
+    The largest is limited to twice the size of the plan.
     """
     most = 2.0 * float((steps.limits[1] - steps.limits[0]).max())
     tracks = data.tracks
@@ -158,7 +165,7 @@ def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
     """Return position, axis and field of view of each sensor with a pose, for the page's script.
 
-    `limits`: (2, 2) of the plan.
+    `limits`: (2, 2) lower and upper corner of the plan.
     """
     far = float(np.hypot(*(limits[1] - limits[0])))
     placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
@@ -175,7 +182,7 @@ def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
 
 
 def _events(data: ReportInput) -> list[list[Any]]:
-    """Times [s] and kinds of events, evenly thinned if there are many."""
+    """Return times [s since the start] and kinds of track events, evenly thinned to `MAX_EVENTS`."""
     events = data.events
     if events is None or not len(events):
         return []
@@ -185,7 +192,7 @@ def _events(data: ReportInput) -> list[list[Any]]:
 
 
 def _peaks(data: ReportInput) -> list[Peak]:
-    """Largest errors, each far in time from a larger one of the same target."""
+    """Return the `PEAKS` largest errors, each separated in time from a larger one of the same target."""
     errors, out = data.errors, list[Peak]()
     if errors is None or not len(errors):
         return out

@@ -37,7 +37,11 @@ Packed = list[Any]
 
 
 def packed(kind: str, values: ArrayLike) -> Packed:
-    """Encode numbers in the smallest kind like `kind` that holds them (`kind` itself must)."""
+    """Return numbers encoded as text for the page's script, in the smallest type that holds them.
+
+    `kind`: type such as `u2` (unsigned, 2 bytes), which is reduced if possible; ValueError if it does not hold them.
+    Equal values become `["=", count, value]`, others `[type, base64]`.
+    """
     array = np.asarray(values)
     fitted = array.astype(KINDS[kind])
     if kind != "f8" and not np.array_equal(fitted, array):
@@ -59,9 +63,9 @@ def placed(values: Floats, middle: float, step: float) -> Ints:
 
 
 def starts(step: Ints, n_steps: int) -> Packed:
-    """Return the first row of each of `n_steps` time steps, and the end, encoded for the page's script.
+    """Return the first row of each of `n_steps` time steps, and the number of rows, encoded for the page's script.
 
-    `step`: (N,) time step of each row, rising.
+    `step`: (N,) index of the time step of each row, rising.
     """
     return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 
@@ -74,7 +78,10 @@ class Words:
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
-        """Return the number (N,) of each of N texts, adding new ones; where `known` (N,) is False, that of None."""
+        """Return the numbers (N,) of N texts in this table; texts that are new are added, in place.
+
+        `known`: (N,) mask; where it is False the text is ignored, and the number is that of the entry None.
+        """
         out = [
             self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))
             for k, text in enumerate(texts)
@@ -100,12 +107,12 @@ TRUE_FROM = 40_000
 
 @dataclass(frozen=True, eq=False)
 class ReplaySteps:
-    """Replay data of a run, by time step.
+    """Replay data of a run by time step, encoded for the page's script.
 
     Attributes:
         data: the run.
         limits: (2, 2) lower and upper corner of the plan.
-        imaged: times of images, which are kept, too, within those of a run in images [ns].
+        imaged: times of images [ns], at which time steps are kept too, for tracks in images.
     """
 
     data: ReportInput
@@ -114,7 +121,7 @@ class ReplaySteps:
 
     @property
     def _leading(self) -> TableTotals | None:
-        """Totals of the table that determines the time steps: tracks, or truth without tracks."""
+        """Totals of the table that determines the time steps: tracks, or truth without tracks; None without either."""
         return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
 
     @property
@@ -124,7 +131,7 @@ class ReplaySteps:
 
     @property
     def every(self) -> int:
-        """Every how many times one is kept."""
+        """Interval k of the kept time steps: every k-th time of the tracks is kept."""
         return self.data.figures.every
 
     @cached_property
@@ -146,7 +153,7 @@ class ReplaySteps:
 
     @cached_property
     def step(self) -> float:
-        """Quantisation step of positions: 16 bits reach twice the size of the plan."""
+        """Quantisation step of positions [length], with which 16 bits cover twice the size of the plan."""
         return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MAX_UINT16
 
     @cached_property
@@ -166,14 +173,17 @@ class ReplaySteps:
         return np.asarray((self.kept - self.data.time.start_ns) / NS)
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
-        """Rows of a table at the shown times, and the time step of each row."""
+        """Return the rows of a table at the shown times, and the index of the time step of each.
+
+        `t_ns`: (N,) times of the table's rows [ns].
+        """
         step = np.searchsorted(self.kept, t_ns)
         inside = np.minimum(step, len(self.kept) - 1)
         rows = np.flatnonzero((step < len(self.kept)) & (self.kept[inside] == t_ns))
         return rows, step[rows]
 
     def pack_positions(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
-        """Return x and y of the rows, in 16-bit steps, encoded for the page's script."""
+        """Return x and y of the rows (n,), in 16-bit steps from the centre of the plan, encoded for the script."""
         middle = self.limits.mean(axis=0)
         xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
         return {
@@ -192,13 +202,13 @@ class ReplaySteps:
         return truth if few else truth.take(~others)
 
     def tracks(self, seen: Words, doubts: Words, size: float, sigma: float) -> dict[str, Packed]:
-        """Estimates of each time step.
+        """Return the estimates at each time step, encoded for the page's script.
 
         Args:
-            seen: takes who saw each.
-            doubts: receives the reason why each is unreliable.
-            size: step of widths and heights.
-            sigma: step of standard deviations.
+            seen: collects the texts that name the detecting sensors.
+            doubts: collects the quality flags.
+            size: quantisation step of widths and heights.
+            sigma: quantisation step of standard deviations.
         """
         tracks = self.data.tracks
         if tracks is None:
@@ -226,9 +236,9 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Return sensors that detected each row's target, whether these are known, and quality flags; each (n,).
+        """Return for each row the sensors that detected the target, whether these are known, and quality flags.
 
-        `rows`: (n,) rows of the tracks.
+        Each (n,). `rows`: (n,) row numbers of the tracks.
         """
         if self.data.people_tracks is not None:
             people = self.data.people_tracks
@@ -280,9 +290,9 @@ class ReplaySteps:
         }
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
-        """Return directions of detections at each time step, encoded, and the interval of steps that have them.
+        """Return the directions of detections at each time step, encoded, and the interval of the steps that have them.
 
-        `sensors`: names, by whose index a detection names its sensor.
+        `sensors`: names of the sensors; a detection refers to its sensor by index.
         """
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
@@ -304,7 +314,10 @@ class ReplaySteps:
         return table, every
 
     def _observations(self, bearings: Bearings, sensors: list[str]) -> tuple[Ints, Ints, Ints]:
-        """Rows with a detection in each sensor's latest frame before each time step; their time steps and sensors."""
+        """Return the detections in each sensor's latest frame since the previous time step.
+
+        As rows of the bearings, index of the time step, and index of the sensor in `sensors`; each (n,).
+        """
         names, which = np.unique(bearings.sensor, return_inverse=True)
         index_of = {name: k for k, name in enumerate(sensors)}
         number = np.array([index_of.get(str(name), -1) for name in names], dtype=np.int64)[which]
@@ -315,11 +328,11 @@ class ReplaySteps:
         return rows[seen], step[seen], number[rows[seen]]
 
     def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
-        """Rows at the latest time of each target or sensor since the previous kept time step, and their steps, sorted.
+        """Return the rows at the latest time of each object since the previous kept time step, and their steps, sorted.
 
         Args:
-            t_ns: (N,) times.
-            who: (N,) numbers >= 0.
+            t_ns: (N,) times of the rows [ns].
+            who: (N,) number >= 0 of the target or sensor of each row.
         """
         rows, step = rows_before(self.kept, self.period_ns, t_ns)
         groups, group = np.unique(step * (int(who.max(initial=0)) + 1) + who[rows], return_inverse=True)
@@ -331,7 +344,7 @@ class ReplaySteps:
         return rows[order], step[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
-        """Occluder priors at each time step as polygons, and the interval of time steps that have them."""
+        """Return the occluder priors at each time step as polygons, encoded, and the interval of these steps."""
         hulls = _as_hulls(self.data.occluders)
         if hulls is None or not len(self.kept):
             return {}, 1
@@ -355,7 +368,7 @@ def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -
 
 
 def _of_errors(errors: Errors | None) -> Truth | None:
-    """True positions to which the estimates were compared."""
+    """Return the true positions that the errors were computed from as a table of targets; None for None."""
     if errors is None:
         return None
     own = errors.take(np.isfinite(errors.truth_x) & np.isfinite(errors.truth_y))
@@ -364,7 +377,10 @@ def _of_errors(errors: Errors | None) -> Truth | None:
 
 
 def _as_hulls(priors: Occluders | Hulls | None) -> Hulls | None:
-    """Priors as polygons; Gaussian ones contain the occluder with 95 % probability."""
+    """Return occluder priors as polygons; a Gaussian one becomes its 95 % ellipse with `CORNERS` corners.
+
+    None for None.
+    """
     if priors is None or isinstance(priors, Hulls):
         return None if priors is None else priors.take(priors.occluder_id >= 0)
     own = priors.take(priors.occluder_id >= 0)

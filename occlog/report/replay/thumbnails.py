@@ -38,7 +38,7 @@ TRAIL_S = 2.0
 
 
 class ImageTables(NamedTuple):
-    """Tables in images that are drawn over them: tracks, and true boxes."""
+    """Files with tables in images that are drawn over them: tracks, and true boxes (None: missing)."""
 
     tracks: Path
     truth: Path | None = None
@@ -46,13 +46,13 @@ class ImageTables(NamedTuple):
 
 @dataclass
 class Thumbnails:
-    """Images of cameras.
+    """Small images of the cameras for the page.
 
     Attributes:
-        cameras: names, with the times [ns] and the JPEG of each image.
+        cameras: time [ns] and JPEG of each image, by name of the camera.
         n_steps: number of time steps chosen for images.
         of: number of time steps in the recording.
-        losses: chosen frames that cannot be decoded, of which there is no image.
+        losses: chosen frames that cannot be decoded.
     """
 
     cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
@@ -86,18 +86,18 @@ class Thumbnails:
 def thumbnails(
     recording: Path, sources: OverlayTables | ImageTables | None, targets: Sequence[int], limit: int
 ) -> Thumbnails:
-    """Images of a recording, with tracks drawn over them.
+    """Return small images of a recording, with tracks drawn over them, at evenly spaced times.
 
-    Tracks in the world are drawn into the images of cameras with poses.
+    Tracks on the ground are drawn into the images of cameras with poses.
 
     Args:
         recording: with images or videos.
-        sources: of the tracks, in any unit of lengths; None: nothing is drawn.
+        sources: files of the tracks, in any unit of lengths; None: nothing is drawn.
         targets: identities, in the order of their colours.
         limit: bytes that all images together may take in the page.
 
     Raises:
-        InputError: there are no images, or a table of ours has another unit of lengths than the recording's scene.
+        InputError: there are no images, or an occlog table has another unit of lengths than the recording's scene.
     """
     opened = open_recording(recording)
     if isinstance(sources, OverlayTables) and opened.scene is not None:
@@ -128,13 +128,13 @@ def _size(
     sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
 ) -> int:
-    """Return the total size [bytes] of the first decodable image of each camera, with its drawings.
+    """Return the total size [bytes] of the first decodable image of each camera, as JPEG with its drawings.
 
     Args:
         opened: the recording.
-        known: numbers of the frames by camera.
+        known: times of the frames by camera [ns].
         sources: tables that are drawn; None: none.
-        targets: identities, which set the colours.
+        targets: identities, in the order of their colours.
     """
     wanted = {name: set(own) for name, own in known.items()}
     size = 0
@@ -147,7 +147,7 @@ def _size(
 
 
 def _before(times: Ints, chosen_ns: Ints) -> set[int]:
-    """Return the latest of the sorted times at or before each of the time steps `chosen_ns` [ns], as a set."""
+    """Return those of the sorted `times` (n,) that are the latest at or before one of `chosen_ns` (k,) [ns]."""
     at = np.searchsorted(times, chosen_ns, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 
@@ -159,15 +159,15 @@ def _drawn(
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Generate camera, time [ns] and JPEG of each selected frame, with its drawings.
+    """Generate camera, time [ns] and JPEG of each chosen frame, with its drawings.
 
-    A frame that cannot be decoded is black, or omitted if it precedes the first decodable one.
+    A frame that cannot be decoded is black, or omitted if it precedes the camera's first decodable one.
 
     Args:
         opened: the recording.
         chosen: times of the frames by camera [ns].
         sources: tables that are drawn; None: none.
-        targets: identities, which set the colours.
+        targets: identities, in the order of their colours.
         lost: records frames that cannot be decoded.
     """
     scene = opened.scene

@@ -55,9 +55,9 @@ class BallsFrame(NamedTuple):
 
 
 class ViewCanvas(NamedTuple):
-    """Constant data for rendering one view of the balls: its number, camera, background (H, W, 3) BGR.
+    """Constant data for rendering one view of the balls: its number, camera, and background (H, W, 3) BGR.
 
-    `view` is the camera with the lamp, for the kernels.
+    `view` has the camera's focal length and centre [px], and the direction of the lamp in its frame.
     """
 
     number: int  # of the view
@@ -168,7 +168,10 @@ def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
 
 
 def football_faces() -> Floats:
-    """(32, 3) normals, over their distances from the centre, of a truncated icosahedron: 12 pentagons, 20 hexagons."""
+    """(32, 3) unit normals of a truncated icosahedron's faces, each divided by the face's distance from the centre.
+
+    Edges have the length 1. First the 12 pentagons, then the 20 hexagons.
+    """
     golden = 0.5 * (1.0 + 5.0**0.5)
     corners = np.array([[0.0, a, b * golden] for a, b in product((-1.0, 1.0), repeat=2)])
     corners = np.vstack([np.roll(corners, k, axis=1) for k in range(3)]) / np.hypot(1.0, golden)
@@ -189,9 +192,10 @@ def football() -> Skin:
 
 
 def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
-    """(F,) mask of `faces` (F, 3) that are nearest or second nearest to some point with x, y, z >= 0.
+    """(F,) mask of faces that are nearest or second nearest to some direction with x, y, z >= 0.
 
-    By symmetry these are sufficient for shading.
+    `faces` (F, 3) are their normals over their distances from the centre; the nearest one has the largest scalar
+    product with the direction. By symmetry these faces are sufficient for shading.
     """
     x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 1.0, 25)])
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])

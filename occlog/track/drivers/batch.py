@@ -24,7 +24,11 @@ MAX_PAUSE_LAGS = 4
 
 
 class _TargetScans(NamedTuple, Generic[State]):
-    """Buffered scans of a target since the last call of the batch method."""
+    """Buffered scans of one target for a batch method, since its last call.
+
+    `state` is the method's state, `due_ns` the time from which the method is called next, `given_ns` the time up to
+    which states were output, `scans` the buffered scans.
+    """
 
     state: State
     due_ns: int  # when the method is called next
@@ -40,18 +44,25 @@ def track_batch(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Generate the tracks of all labelled targets; arguments and errors as in `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all labelled targets by a batch method, chunk by chunk, in the order of time.
 
-    Without a lag everything is kept until the end, in memory that grows with the number of rows.
-    With one, a target's states are given out when so much time has been seen after them, or half as
-    much again; memory grows with the number of rows in that time.  A target of which there is no row
-    for longer than that, and the step before (of at most four times the lag), is ended, and restarts
-    if there is one again; a shorter pause adds to the wait.  So it is, with a lag or without, after a pause of which
-    the method forgets what was before.
+    Without a lag everything is kept until the end, in memory that grows with the number of rows. With one, a target's
+    states are output when this much later data has been seen, or half as much again; memory grows with the number of
+    rows in that time. A target without rows for longer than the lag and the step before (at most `MAX_PAUSE_LAGS` lags)
+    is ended, and restarts with its next row; a shorter pause adds to the wait. A pause after which the method forgets
+    what was before ends a target, too.
+
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method that `tracking` names.
+        tracking: settings of the method and choice of rows.
+        occluders: priors of moving occluders in the order of time; None: unknown.
+        measured: ranges, signal strengths and time differences; None: missing.
 
     Raises:
         InputError: no bearing has a label, or one that does not fit the scene.
-        UsageError: a start (`config.start`) for several targets, or occluders of which the method knows nothing.
+        UsageError: a start (`config.start`) for several targets, or occluders that the method does not use.
     """
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
@@ -114,10 +125,14 @@ def track_batch(
 def _advance(
     own: _TargetScans[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
 ) -> tuple[_TargetScans[State], TrackChunk]:
-    """Call the batch method with a target's buffered scans.
+    """Call the batch method with a target's buffered scans; return the target with an empty buffer, and the rows.
 
-    Return the target without them, and the rows that it releases. `names` are those of the sensors; `last`: nothing
-    will follow, so that everything is released.
+    Args:
+        own: buffered target; not changed.
+        target: its identity.
+        method: the batch method.
+        names: names of the sensors by index.
+        last: no scans follow, so that all states are released.
     """
     state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
@@ -125,9 +140,9 @@ def _advance(
 
 
 def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk], list[TrackChunk]]:
-    """Split buffered rows of all targets at time `horizon_ns`: return those up to it, and the rest.
+    """Split the waiting rows of all targets at time `horizon_ns`: return those up to it as chunks, and the rest.
 
-    The former are at most one chunk, sorted by time.
+    The former are merged to at most one chunk, sorted by time.
     """
     early, late = [], []
     for part in waiting:
@@ -146,9 +161,9 @@ def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk]
 
 
 def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
-    """Return the first n rows with their diagnostics, or (`first` False) the remaining rows.
+    """Return the first n rows of a chunk with their diagnostics and residuals, or (`first` False) the remaining ones.
 
-    Solver records stay with the first.
+    Records of optimisation runs stay with the first rows.
     """
     rows = slice(None, n) if first else slice(n, None)
     residuals = part.residuals
@@ -164,7 +179,7 @@ def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
 
 
 def as_tables(found: SmoothedTrajectory, target: int, names: tuple[str, ...]) -> TrackChunk:
-    """Convert the smoothed trajectory of target `target` to output tables; `names` are those of the sensors."""
+    """Convert the smoothed trajectory of target `target` to output tables; `names` are the sensors' names by index."""
     T, C = len(found.t_ns), found.covariance
     identity = np.full(T, target, dtype=np.int32)
     names4 = ("x", "y", "vx", "vy")

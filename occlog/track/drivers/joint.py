@@ -31,10 +31,16 @@ def track_joint(
     method: Joint[ImmState, ImmConfig, ImmStepResult],
     tracking: TrackingTask[ImmConfig],
 ) -> Iterator[TrackChunk]:
-    """Generate the tracks of all targets that arrays hear; arguments as in `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all targets that microphone arrays hear, by method `imm`, chunk by chunk.
 
-    Rows of cameras are used only when the method asks for them.  There is a row for each
-    confirmed target and time at which an array listened, in vain or not.
+    Rows of cameras are used only when the method requests them (cooperation).  There is a row for each confirmed target
+    and time at which an array listened, whether or not it heard something.
+
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method, with one state for all targets.
+        tracking: settings of the method and choice of rows.
 
     Raises:
         InputError: no rows of arrays.
@@ -98,11 +104,16 @@ def track_joint(
 def _tracked(
     rows: list[EstimateRow], requests: list[tuple[int, CameraRequest]], offered: int, names: tuple[str, ...]
 ) -> TrackChunk:
+    """Return estimates and camera requests as output tables.
+
+    `requests` are (time [ns], request), `offered` is the number of camera frames that could have been requested,
+    `names` are the sensors' names by index.
+    """
     return tables(rows, names)._replace(cooperation=cooperation_of(requests), offered=offered)
 
 
 def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
-    """Return the table of camera requests, each with its time [ns], sorted by time and target."""
+    """Return table `cooperation` of camera requests, given as (time [ns], request), sorted by time and target."""
     ordered = sorted(requests, key=lambda r: (r[0], r[1].answer.ask.number))
     if not ordered:
         return Cooperation.empty()
@@ -132,9 +143,19 @@ def track_joint_objects(
     tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
 ) -> Iterator[TrackChunk]:
-    """Generate the tracks of all labelled objects; arguments as in `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all labelled objects by a method with one state for all of them, chunk by chunk.
 
-    Candidates without a label are omitted.  UsageError for priors of occluders or a selection of cameras.
+    Candidates without a label are omitted.
+
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method that `tracking` names.
+        tracking: settings of the method and choice of rows.
+        occluders: must be None.
+
+    Raises:
+        UsageError: priors of occluders, or a selection of cameras.
     """
     if occluders is not None:
         raise UsageError(

@@ -32,9 +32,20 @@ def track_online(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Generate tracks of all targets, chunk by chunk, by one filter a target.
+    """Generate tracks of all targets by one filter per target, chunk by chunk, in the order of time.
 
-    Arguments and errors are those of `occlog.track.drivers.stage.track`; `method` is the one that the task names.
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method that `tracking` names.
+        tracking: settings of the method, choice of rows, and selection of cameras.
+        occluders: priors of moving occluders in the order of time; None: unknown.
+        measured: ranges, signal strengths and time differences; None: missing.
+
+    Raises:
+        InputError: bearings that do not fit the scene.
+        UsageError: a start (`config.start`) for several targets; occluders or a selection that the method does not
+            take.
     """
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
@@ -84,9 +95,12 @@ def track_online(
 def _selector(
     scene: Scene, method: Online[State, Config], tracking: TrackingTask[Config]
 ) -> Selector[State, Config] | None:
-    """Return the camera selector; None without a selection.
+    """Return the selector of cameras for the options of `tracking`; None without a selection.
 
-    UsageError for a method that cannot predict the target's position.
+    It uses the method's prediction of a target's position, and the sensors in use with their poses in the scene.
+
+    Raises:
+        UsageError: the method cannot predict the target's position.
     """
     if tracking.selection is None:
         return None
@@ -102,10 +116,16 @@ def _selector(
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
-    """Advance a target's filter by a scan; return its state and output row.
+    """Advance one target's filter by a scan; return the filter and an output row.
 
-    None instead of the row if the scan gives none; its frames count in the next row. With a `selector`, only selected
-    cameras are used.
+    The row is None if the scan gives no estimate; its frames then count in the next row. With a `selector`, only rows
+    of selected cameras are used.
+
+    Args:
+        own: the target's filter state, random numbers and selection; not changed.
+        method: the method that filters.
+        selector: selects cameras; None: all rows are used.
+        scan: rows of this target, and unlabelled ones.
     """
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
@@ -125,8 +145,9 @@ def _stepped(
 
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
-    """Return the identities, ascending, of targets with a filter or a label in the scan.
+    """Return the ascending identities of the targets to which a scan is given.
 
-    Without any it is the first of `wanted` (None: all), or `FIRST_TARGET`.
+    They are those that have a filter (the identities `filters`) or a label in the scan. Without any it is the first of
+    `wanted` (None: no choice), or else `FIRST_TARGET`.
     """
     return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

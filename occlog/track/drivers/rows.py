@@ -32,10 +32,10 @@ MAX_PARTICLES = 200
 
 
 def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
-    """Return a cloud as it is, or of a larger one `most` particles of equal weight.
+    """Return at most `most` particles for drawing: the set itself, or particles of equal weight resampled from it.
 
-    Systematic resampling without a random number: of a weight w there come w * most particles, rounded up or down.
-    Mean and covariance are kept but for what is omitted between neighbours.
+    Systematic resampling without random numbers: a particle of weight w is kept w * `most` times, rounded up or down.
+    Mean and covariance are kept approximately.
     """
     if len(cloud.weights) <= most:
         return cloud
@@ -44,7 +44,7 @@ def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
 
 
 def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
-    """Return the table of clouds, each given with its time [ns] and target, in their order."""
+    """Return table `particles` of particle sets, each given with its time [ns] and target identity, in their order."""
     if not clouds:
         return Particles.empty()
     sizes: Ints = np.array([len(cloud.weights) for _, _, cloud in clouds], dtype=np.int64)
@@ -60,7 +60,11 @@ def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
 
 
 class Solve(NamedTuple):
-    """One optimisation run of a batch method: iterations, convergence, noise factors, rivals and range biases."""
+    """One optimisation run of a batch method for one target.
+
+    `iterations` and whether it converged; estimated `noise` factors (None: as stated), competing modes `rivals` (None:
+    not searched), and range `biases` as (station, bias, standard error).
+    """
 
     target: int
     iterations: int
@@ -71,7 +75,12 @@ class Solve(NamedTuple):
 
 
 class TrackChunk(NamedTuple):
-    """Output rows of a track with diagnostics of the filter (equal in number) and sensor-error estimates."""
+    """A chunk of output: rows of tracks, as many rows of diagnostics, and what was found with them.
+
+    Further tables are `calibration` (pose errors), `cooperation` (camera requests), `residuals` and `particles`;
+    `solves` are records of optimisation runs, `labels` events of exchanged or jumping labels, and `frames`, `stated`,
+    `motion` and `outliers_matter` inputs of the consistency checks. None or empty where the method or request has none.
+    """
 
     tracks: Tracks
     diagnostics: Diagnostics
@@ -93,7 +102,11 @@ ROWS_PER_CHUNK = 4096
 
 
 class EstimateRow(NamedTuple):
-    """One estimate of one target, with time and diagnostics."""
+    """One estimate of one target at a time, with what its output row needs.
+
+    `n_available` is the number of sensor frames since the row before, `selected` the selected cameras (indices), `mse`
+    the predicted mean square error at a new selection (NaN: none), `cloud` particles for output (None: not requested).
+    """
 
     target: int
     t_ns: int
@@ -104,7 +117,7 @@ class EstimateRow(NamedTuple):
     cloud: ParticleSet | None = None  # None: not asked for
 
     def smoothed(self, past: SmoothedState) -> EstimateRow:
-        """Return this row with the smoothed state `past`."""
+        """Return this row with position, velocity, covariance and height of the smoothed state `past`."""
         better = self.estimate._replace(
             xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
         )
@@ -112,11 +125,9 @@ class EstimateRow(NamedTuple):
 
 
 def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
-    """Convert estimates, in order, to the output tables.
+    """Convert estimates in the order of time to the output tables of a chunk.
 
-    Args:
-        rows: estimates in the order of time.
-        names: of the sensors, see `occlog.scans.grouping.sensor_names`.
+    `names` are the sensors' names by index.
     """
     if not rows:
         return TrackChunk(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
@@ -131,9 +142,9 @@ def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
 
 
 def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals | None:
-    """Return the table of the estimates' residuals; None if the method does not compute them.
+    """Return table `residuals` of the estimates' bearings; None if the method does not compute residuals.
 
-    `names` are those of the sensors.
+    `names` are the sensors' names by index.
     """
     fits = [(r, r.estimate.fit) for r in rows if r.estimate.fit is not None]
     if not fits:
@@ -142,9 +153,13 @@ def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals
 
 
 def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
-    """Return the table of a target's residuals; `t_ns` (T,) are the times that `fit.row` refers to.
+    """Return table `residuals` of one target's bearings.
 
-    `names` are those of the sensors.
+    Args:
+        fit: residuals, with the index of each one's time.
+        t_ns: (T,) times to which `fit.row` refers.
+        target: identity.
+        names: names of the sensors by index.
     """
     return Residuals.of(
         t_ns=t_ns[fit.row],
@@ -157,6 +172,7 @@ def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[s
 
 
 def _tracks(rows: Sequence[EstimateRow], estimates: list[Estimate]) -> Tracks:
+    """Return table `tracks` of the rows; `estimates` are theirs."""
     xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
     cov = np.array([e.covariance for e in estimates])
     return Tracks.of(
@@ -174,6 +190,7 @@ def _tracks(rows: Sequence[EstimateRow], estimates: list[Estimate]) -> Tracks:
 
 
 def _diagnostics(rows: Sequence[EstimateRow], estimates: list[Estimate], names: tuple[str, ...]) -> Diagnostics:
+    """Return table `diagnostics` of the rows; `estimates` are theirs, `names` the sensors' names by index."""
     return Diagnostics(
         t_ns=_times(rows),
         target_id=_identities(rows),
@@ -191,15 +208,20 @@ def _diagnostics(rows: Sequence[EstimateRow], estimates: list[Estimate], names: 
 
 
 def _times(rows: Sequence[EstimateRow]) -> Ints:
+    """Return the times (n,) [ns] of the rows."""
     return np.array([r.t_ns for r in rows], dtype=np.int64)
 
 
 def _identities(rows: Sequence[EstimateRow]) -> Ints32:
+    """Return the target identities (n,) of the rows."""
     return np.array([r.target for r in rows], dtype=np.int32)
 
 
 def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
-    """Return the height columns of 3-D estimates; none if all estimates are on the ground plane."""
+    """Return the height columns of table `tracks` by name; {} if all estimates are on the ground plane.
+
+    Estimates without a height get NaN.
+    """
     if all(e.height is None for e in estimates):
         return {}
     none = HeightEstimate(math.nan, math.nan, np.full(3, math.nan))
@@ -210,9 +232,9 @@ def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
 
 
 def _calibration(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Calibration:
-    """Return the table of estimated pose errors of all sensors after each scan, if the method estimates them.
+    """Return table `calibration`: estimated pose errors of all sensors after each scan; empty if none are estimated.
 
-    Otherwise it is empty. `names` are those of the sensors.
+    `names` are the sensors' names by index.
     """
     found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
     if not found:
@@ -235,10 +257,14 @@ ORDER_BYTES = 4
 
 
 class NetworkTraffic:
-    """Counts of messages and bytes sent by cameras, accumulated over the diagnostics."""
+    """Counts of messages and bytes sent to and by cameras, accumulated over tables of diagnostics.
+
+    Each used sensor frame is a report of `REPORT_BYTES`; each camera switched on or off by a new selection gets an
+    order of `ORDER_BYTES`.
+    """
 
     def __init__(self) -> None:
-        """Start with all counts at 0."""
+        """Start without messages."""
         self.reports = 0
         self.offered = 0
         self.orders = 0
@@ -246,7 +272,7 @@ class NetworkTraffic:
         self._on: dict[int, frozenset[str]] = {}
 
     def add(self, part: Diagnostics) -> None:
-        """Add the messages that one chunk of diagnostics stands for."""
+        """Add the messages of one table of diagnostics to the counts."""
         self.reports += int(part.n_observing.sum())
         self.offered += int(part.n_available.sum())
         for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():
@@ -258,11 +284,11 @@ class NetworkTraffic:
 
     @property
     def bytes(self) -> int:
-        """Return the total number of bytes sent."""
+        """Total number of bytes sent."""
         return self.reports * REPORT_BYTES + self.orders * ORDER_BYTES
 
     def summary(self) -> dict[str, float | int]:
-        """Return the figures for the summary; empty if no cameras were selected."""
+        """Return messages, bytes and the share saved by the selection, by name; {} if no cameras were selected."""
         if not self.selections:
             return {}
         whole = self.offered * REPORT_BYTES

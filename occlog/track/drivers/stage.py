@@ -38,20 +38,20 @@ def track(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Generate tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
+    """Generate tracks of all targets, chunk by chunk, in the order of time, with quality flags and residuals.
 
-    Each labelled target has a filter of its own, with its own random numbers, which starts
-    with the target's first row; what one target's track is does not depend on the others, unless
-    their labels are exchanged (`occlog.scans.label_continuity`).
-    Unlabelled candidates go to every filter, but not for a sensor that has a labelled row
-    for that target.  If no target was met before they start a track themselves, numbered by
-    the first of `tracking.targets`, or 0.
+    Memory does not grow with the length of the input (except for batch methods without a lag). Each labelled target has
+    its own filter with its own random numbers, which starts with the target's first row; its track does not depend on
+    the others, unless their labels are exchanged (`occlog.scans.label_continuity`). Unlabelled candidates go to every
+    filter, but not for a sensor that has a labelled row for that target. If there is no target yet, they start a track
+    themselves, numbered by the first of `tracking.targets`, or 0. Methods with one state for all targets associate rows
+    themselves.
 
     Args:
         bearings: chunks in the order of time; where they are cut does not matter.
-        scene: the sensors, the room and what stands in it.
-        tracking: the method, its settings, and what to use.
-        occluders: priors of the moving occluders, in the order of time; None: nothing is known about them.
+        scene: the sensors, the room and static occluders.
+        tracking: the method, its settings, and which rows to use.
+        occluders: priors of moving occluders, in the order of time; None: unknown.
         measured: ranges, signal strengths and time differences; None: missing.  `bearings` may then be empty.
 
     Raises:
@@ -114,9 +114,10 @@ def track(
 
 
 def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bool) -> LabelContinuity:
-    """Return the label-continuity check of a scene; `repair`: labels that two targets exchange are exchanged back.
+    """Return the check of a scene whether labels jump from target to target, or two targets exchange them.
 
-    Its motion model is that of the settings if they have one (`WalkConfig`), else that of the Kalman filters.
+    Its motion model is that of the settings if they have one (`WalkConfig`), else that of the Kalman filters. `repair`:
+    labels that two targets exchange are exchanged back.
     """
     own = tracking.config
     walk = own if isinstance(own, WalkConfig) else EkfConfig.in_unit(scene.length_unit)
@@ -128,7 +129,8 @@ def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bo
 def motion_check(scene: Scene, config: object) -> MotionCheck | None:
     """Return how the noise of a method's motion model compares with that of the label check; None: no comparison.
 
-    There is none for a method without a motion model of its own, or with one that it judges itself.
+    `config` are the method's settings. There is no comparison for a method without a motion model of its own, or with
+    one that it judges itself.
     """
     if isinstance(config, FixConfig):
         return None
@@ -150,9 +152,18 @@ def _tracked(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
     measured: DistanceMeasurementFeed | None,
 ) -> Iterator[TrackChunk]:
-    """Generate tracks by the driver for the method's kind (online, batch or joint); arguments are those of `track`.
+    """Generate tracks by the driver for the method's kind: online, batch, or one state for all targets.
 
-    UsageError for a selection or occluders that this kind does not take.
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method that `tracking` names.
+        tracking: settings of the method and choice of rows.
+        occluders: priors of moving occluders; None: unknown.
+        measured: ranges, signal strengths and time differences; None: missing.
+
+    Raises:
+        UsageError: a selection or occluders that this kind of method does not take.
     """
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders, measured)

@@ -25,14 +25,14 @@ class TrackingTask(Generic[Config]):
         config: settings of the method.
         seed: seed of all random numbers.
         method: name of the method in `occlog.track.catalogue`.
-        sensors: names of those to use; None: all.
-        targets: identities of those to track; None: all.
+        sensors: names of the sensors to use; None: all.
+        targets: identities of the targets to track; None: all.
         unlabelled: use candidates that are not assigned to a target.
         window_ns: rows at most this far apart form one scan.
-        selection: how to select cameras; only those selected are used.  None: no selection.
+        selection: how to select cameras; only selected ones are used.  None: no selection.
         particles: output the particles of the filters, too.
         repair_labels: labels that two targets exchange are exchanged back.
-        reject_outliers: methods that cannot reject false bearings get none that contradict their target's motion.
+        reject_outliers: give methods that cannot reject false bearings none that contradict their target's motion.
     """
 
     config: Config
@@ -48,22 +48,25 @@ class TrackingTask(Generic[Config]):
     reject_outliers: bool = False
 
     def rows(self, scene: Scene) -> BearingRows:
-        """Return which rows of the bearings of a scene are to be used."""
+        """Return which rows of the bearings are used: by sensor (default: all of the scene), target and label."""
         used = frozenset(sensor_names(scene)) if self.sensors is None else self.sensors
         return BearingRows(used, self.targets, self.unlabelled)
 
     def scans(
         self, bearings: Iterable[Bearings], scene: Scene, measured: DistanceMeasurementFeed | None
     ) -> Iterator[Scan]:
-        """Generate the scans of the rows to be used, joined with measurements other than directions, if any."""
+        """Generate the scans of the used rows of `bearings` in the order of time, grouped by `window_ns`.
+
+        If `measured` is given, its ranges, signal strengths and time differences are joined with them by time.
+        """
         scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
         return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)
 
 
 def check_start(started: bool, target: int, others: Collection[int]) -> None:
-    """Raise UsageError if the settings fix a start position and target `target` is not the only one.
+    """Raise UsageError if the settings fix a start position and there is more than one target.
 
-    `started`: they fix one; `others` are the targets that were begun before.
+    `started`: they fix one; `target` is the next target, `others` are the targets that began before.
     """
     if started and others:
         raise UsageError(
@@ -80,7 +83,8 @@ def feed_of(
 ) -> OccluderFeed | None:
     """Return the feed of priors of moving occluders for the method; None if there are none.
 
-    UsageError if the method cannot use them.
+    Raises:
+        UsageError: the method does not use moving occluders.
     """
     if occluders is None:
         return None

@@ -44,10 +44,10 @@ MAX_LOG_RATIO = 100.0
 
 
 def switch_probability(distance: float, ratio: float) -> float:
-    """Probability of an identity switch in a close encounter.
+    """Return the probability of an identity switch in a close encounter, a fitted logistic function.
 
     Args:
-        distance: smallest, in standard deviations of their positions, >= 0.
+        distance: smallest distance of the two people, in standard deviations of their positions, >= 0.
         ratio: smallest log likelihood ratio of the tracks to the exchanged ones.
     """
     near, clear = np.log(max(distance, MIN_DISTANCE_SIGMAS)), np.log1p(min(max(ratio, 0.0), MAX_LOG_RATIO))
@@ -56,7 +56,12 @@ def switch_probability(distance: float, ratio: float) -> float:
 
 @dataclass
 class _Encounter:
-    """An ongoing close encounter of two people: their states when last distinguished, and how near they came."""
+    """An ongoing close encounter of two people: their states when last distinguished, and how near they came.
+
+    `t_ns` is the time at which cameras last had a box of each of them alone, `means` (2, 6) and `covariances` (2, 6, 6)
+    their states x, y, vx, vy, height, width then; `near`: they have been near; `named`: the filter reported a possible
+    switch itself; `distance` [standard deviations] and `ratio` (log likelihood) are the smallest so far.
+    """
 
     t_ns: int  # when they were last distinguished
     means: Floats  # (2, 6) their states then
@@ -68,17 +73,21 @@ class _Encounter:
 
 
 class CloseEncounters:
-    """Close encounters over a stream of time steps; memory is bounded by the current ones."""
+    """Detects close encounters of two people over a stream of time steps, and possible identity switches in them.
+
+    Only the ongoing encounters are kept in memory.
+    """
 
     def __init__(self, config: JipdaConfig) -> None:
-        """Create an empty set of encounters; `config` has the widths and motion model of people."""
+        """Start without encounters; `config` has the widths and manoeuvre noise of people."""
         self._width, self._manoeuvre = config.person_width, config.manoeuvre_noise_density
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, snapshot: TrackSnapshot) -> tuple[Event, ...]:
-        """Add a time step.
+        """Add a time step, and return the events `possible_switch` of pairs that were near and have separated.
 
-        Return two `possible_switch` events for each pair that separates with a considerable switch probability.
+        Each such pair gives two events, one per person, if its switch probability is at least `MIN_SWITCH_PROBABILITY`
+        and the filter has not reported the switch itself.
         """
         n = len(snapshot.ids)
         near = _pairs(snapshot.mean[:, [X, Y]], SEPARATION_DISTANCE_WIDTHS * self._width)
@@ -110,10 +119,14 @@ class CloseEncounters:
         return tuple(events)
 
     def _compare(self, meeting: _Encounter, snapshot: TrackSnapshot, both: list[int]) -> None:
-        """Update the log likelihood ratio of an encounter when cameras have a box of each of the two people alone.
+        """Update the log likelihood ratio of an encounter at a time step at which cameras distinguish the two people.
 
-        `both` are their indices in the snapshot; their states there become the last ones at which they were
-        distinguished.
+        Their states there replace those at which they were last distinguished.
+
+        Args:
+            meeting: the encounter; changed.
+            snapshot: the time step.
+            both: indices of the two people in the snapshot, in the order of their identities.
         """
         means, covariances = snapshot.mean[both], snapshot.covariance[both]
         passed = (snapshot.t_ns - meeting.t_ns) / NS
@@ -124,7 +137,7 @@ class CloseEncounters:
 
 
 def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
-    """Find all pairs i < j of positions (m, 2) within a distance, sorted by i, then j."""
+    """Return all index pairs i < j of positions (m, 2) within `distance` of each other, sorted by i, then j."""
     if len(positions) < 2:
         return []
     found = cKDTree(positions).query_pairs(distance, output_type="ndarray")
@@ -132,14 +145,20 @@ def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
 
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return `possible_switch` events, one for each person, if the probability is at least `MIN_SWITCH_PROBABILITY`."""
+    """Return two events `possible_switch`, one for each of the identities in `pair`.
+
+    None (an empty list) if `probability` is below `MIN_SWITCH_PROBABILITY`.
+    """
     if probability < MIN_SWITCH_PROBABILITY:
         return []
     return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]
 
 
 def _alone(support: BoxAssociations, people: int) -> Floats:
-    """(m, C) sum of probabilities that camera C has a box of person m alone, not merged; m = `people`."""
+    """Return sums (m, C) of the probabilities that camera C has a box of person m alone, not merged; m = `people`.
+
+    C is the number of cameras that occur in the associations.
+    """
     cameras = int(support.camera.max(initial=-1)) + 1
     out = np.zeros((people, cameras))
     np.add.at(out, (support.person, support.camera), support.probability - support.joint)
@@ -150,17 +169,15 @@ def _alone(support: BoxAssociations, people: int) -> Floats:
 def log_ratio(
     before: Floats, cov_before: Floats, after: Floats, cov_after: Floats, passed: float, manoeuvre: float
 ) -> float:
-    """Log likelihood ratio of two people's later states.
-
-    It compares that each continues the own earlier state with that each continues the state of the other.
+    """Return the log likelihood ratio of two people's later states: identities kept against identities exchanged.
 
     Args:
-        before: (2, 6) earlier states.
+        before: (2, 6) earlier states x, y, vx, vy, height, width.
         cov_before: (2, 6, 6) their covariances.
         after: (2, 6) later states.
         cov_after: (2, 6, 6) their covariances.
         passed: time between [s], > 0.
-        manoeuvre: spectral density of the acceleration, per axis.
+        manoeuvre: spectral density of the acceleration per axis during a manoeuvre.
     """
     total = 0.0
     for i in range(2):

@@ -28,7 +28,10 @@ SHORTEST_NS = 100_000
 
 
 class FrameDetectionsWithIds(NamedTuple):
-    """Detections of one frame of a camera, with its frame number and the box numbers in the tables."""
+    """Detections of one frame of a camera or position sensor, with their numbers in the input tables.
+
+    `frame` is the frame's number in the camera's stream, `box` (n,) the numbers of the n detections in the frame.
+    """
 
     detections: FrameDetections
     frame: int  # number in the camera's stream
@@ -36,7 +39,12 @@ class FrameDetectionsWithIds(NamedTuple):
 
 
 class DetectionFrameRows(NamedTuple):
-    """Rows of a table of boxes, sorted by time; a frame without boxes is one row with number -1."""
+    """R rows of a table of boxes of all cameras, sorted by time, as columns; a frame without boxes is one row.
+
+    `t_ns`, `sensor` (camera name), `frame` number, `number` of the box in the frame (-1: the frame has none), `edges`
+    (R, 4) left, top, right, bottom [px], `score` (confidence 0 to 1, NaN: none), `tracklet_id`, and `appearance`
+    (R, K).
+    """
 
     t_ns: Ints  # (R,)
     sensor: Strings  # (R,)
@@ -48,12 +56,12 @@ class DetectionFrameRows(NamedTuple):
     appearance: Floats  # (R, K)
 
     def take(self, rows: Ints | Bools | slice) -> DetectionFrameRows:
-        """The rows selected by a mask, a slice or an index array."""
+        """Return the rows selected by a mask (R,), a slice or an index array."""
         return DetectionFrameRows._make(column[rows] for column in self)
 
 
 def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
-    """Generate rows of detections from chunks of the table `boxes`."""
+    """Generate the chunks of table `boxes` as detection rows, one for each chunk; they have no appearance (K = 0)."""
     for c in chunks:
         yield DetectionFrameRows(
             t_ns=c.t_ns,
@@ -68,13 +76,14 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
 
 
 def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
-    """Generate rows of detections from chunks of the table `views`.
+    """Generate the chunks of table `views` (regions) as detection rows, one for each chunk.
 
-    Regions that the fusion of detections added or removed get the number -1 (no box).
+    Regions that the fusion of detections added or removed get the number -1 (no box). The appearance is the embedding,
+    or colours if the table has none.
 
     Args:
         chunks: rows in the order of time.
-        colours_of_boxes: take the colours of boxes with a confidence, too; embeddings are always taken.
+        colours_of_boxes: take the colours of regions that have a detector's confidence, too; else they are NaN.
     """
     for c in chunks:
         colours = c.appearance
@@ -94,14 +103,17 @@ def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Ite
 
 
 def _edges(table: Boxes | Views) -> Floats:
-    """(R, 4) edges left, top, right, bottom [px] of regions."""
+    """Return the edges (R, 4) left, top, right, bottom [px] of the boxes or regions of a table."""
     left, top = table.left_px, table.top_px
     return np.column_stack([left, top, left + table.width_px, top + table.height_px])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionFrameTimes(ColumnTable):
-    """Columns of `views` that identify the frames with regions."""
+    """The columns of table `views` that identify a frame with regions: time, camera and frame number.
+
+    Only these are read to find frames without regions.
+    """
 
     NAME: ClassVar[str] = Views.NAME
     VERSION: ClassVar[int] = Views.VERSION
@@ -117,9 +129,9 @@ class FrameNumbers:
     """Frame numbering of a camera, estimated from the frames that have rows.
 
     Attributes:
-        step: all numbers are this far apart, or a multiple of it.
-        pairs: frames that follow another one.
-        left_out: of these, those with numbers of other frames between.
+        step: greatest common divisor of the differences between successive frame numbers; 0: no pair yet.
+        pairs: number of pairs of successive frames with rows.
+        left_out: number of these pairs with missing frames (without rows) between them.
     """
 
     step: int = 0
@@ -127,13 +139,13 @@ class FrameNumbers:
     left_out: int = 0
 
     def add(self, step: int) -> None:
-        """Count a pair of successive rows with this difference of frame numbers."""
+        """Count a pair of successive frames with rows; `step` is the difference of their frame numbers, > 0."""
         self.step = math.gcd(self.step, step)
         self.pairs += 1
 
     @property
     def counted_in(self) -> int:
-        """Greatest common divisor of the differences of frame numbers; 1 until `MIN_FRAME_PAIRS` pairs are known.
+        """Step of the camera's frame numbers: their greatest common difference, or 1 before `MIN_FRAME_PAIRS` pairs.
 
         Numbers between two multiples of it are of no frame.
         """
@@ -143,19 +155,20 @@ class FrameNumbers:
 def frames_without_boxes(
     chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Generate the rows with the frames without detections that a table omits.
+    """Generate the frames without detections that a table omits, sorted by time, with zero boxes each.
 
-    Frame numbers missing between two frames of a camera are inserted, at times evenly spaced between these two. If
+    They are the frame numbers missing between two frames of a camera, at times evenly spaced between these two. If
     frames of a camera are numbered in steps, numbers between two steps are not frames. Frames before a camera's first
-    row and after its last are unknown. Memory grows with the number of gaps, not with that of the rows.
+    row and after its last are unknown. All rows are read before the first frame is generated; memory grows with the
+    number of gaps.
 
     Args:
         chunks: rows in the order of time.
-        cameras: position of each camera in use.
-        numbers: takes how the frames of each camera are numbered.
+        cameras: index of each camera in use, by name.
+        numbers: filled with the frame numbering of each camera; None: not wanted.
 
     Raises:
-        InputError: too many numbers are missing for those of frames.
+        InputError: so many numbers are missing that frames would be less than `SHORTEST_NS` apart.
     """
     last: dict[str, tuple[int, int]] = {}
     gaps: list[_Gap] = []
@@ -193,7 +206,11 @@ def frames_without_boxes(
 
 
 class _Gap(NamedTuple):
-    """Two successive frames of a camera that have rows, with frames without boxes between them."""
+    """A gap in a camera's rows: two successive frames with rows, and missing frame numbers between them.
+
+    `start_ns` and `first` are time and number of the frame before, `end_ns` and `last` of the one after; `camera` is
+    its index, `step` the difference of successive frame numbers.
+    """
 
     start_ns: int
     first: int
@@ -203,16 +220,16 @@ class _Gap(NamedTuple):
     step: int = 1
 
     def time(self, frame: int) -> int:
-        """Interpolated time [ns] of a frame of the gap."""
+        """Return the time [ns] of frame number `frame` of the gap, interpolated linearly."""
         return self.start_ns + (self.end_ns - self.start_ns) * (frame - self.first) // (self.last - self.first)
 
 
 def _until(
     limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequence[_Gap]
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Generate the frames without boxes up to a time, sorted by time; all of them if `limit_ns` is None.
+    """Generate the frames without boxes up to the time `limit_ns` in order; all of them if it is None.
 
-    `waiting` is a heap of (time, frame, index of the gap).
+    `waiting` is a heap of (time, frame number, index in `gaps`), the next missing frame of each gap; it is changed.
     """
     nothing, none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     while waiting and (limit_ns is None or waiting[0][0] <= limit_ns):
@@ -234,13 +251,13 @@ def _until(
 
 @dataclass
 class BoxStatistics:
-    """Counts of frames and boxes over a stream of frames, by camera index.
+    """Counts of frames and boxes over a stream of frames, arrays (C,) by camera index.
 
     Attributes:
         frames: number of frames.
         boxes: number of boxes.
         outside: number of boxes omitted because they lie outside the image.
-        twice: number of boxes omitted because another box of the frame is the same.
+        twice: number of boxes omitted because another box of the frame is nearly the same.
         first_ns, last_ns: times of the first and the last frame; -1: none.
     """
 
@@ -253,12 +270,12 @@ class BoxStatistics:
 
     @classmethod
     def of(cls, cameras: int) -> BoxStatistics:
-        """Statistics of a number of cameras, before the first frame."""
+        """Return the counts of `cameras` cameras before the first frame."""
         zero = np.zeros(cameras, dtype=np.int64)
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
     def saw(self, frame: FrameDetections) -> None:
-        """Count a frame and its boxes, and update the camera's first and last time."""
+        """Count a frame and its boxes, and update the camera's first and last time, in place."""
         c = frame.camera
         self.frames[c] += 1
         self.boxes[c] += len(frame.boxes)
@@ -269,18 +286,18 @@ class BoxStatistics:
 def frame_detections(
     chunks: Iterable[DetectionFrameRows], cameras: Sequence[Camera], known: Sequence[str], tally: BoxStatistics
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Generate frames in the order of time, then of cameras.
+    """Generate the frames with detections of the cameras in use, in the order of time, then of cameras.
 
     Boxes that lie outside the image, and boxes that another one of the same frame repeats, are omitted and counted.
 
     Args:
         chunks: rows in the order of time.
-        cameras: those in use; rows of others are passed over.
-        known: names of all cameras that there are.
-        tally: brought up to date.
+        cameras: cameras in use; rows of others are skipped.
+        known: names of all cameras of the scene.
+        tally: counts of frames and boxes, updated in place.
 
     Raises:
-        InputError: a camera that is not known, or times that go back.
+        InputError: a camera that is not in `known`, or times that decrease.
     """
     index_of = {camera.name: c for c, camera in enumerate(cameras)}
     seen = 0
@@ -309,10 +326,12 @@ def frames_of_positions(
 ) -> Iterator[FrameDetectionsWithIds]:
     """Generate the frames of position sensors, sorted by time, then by sensor.
 
+    Their boxes are (x, y, x, y) in the scene's unit, with covariances.
+
     Args:
-        chunks: rows in the order of time.
-        index_of: index of each source in use among the views; rows of others are passed over.
-        tally: brought up to date.
+        chunks: rows of positions in the order of time.
+        index_of: index of each sensor in use among cameras and sensors, by name; rows of others are skipped.
+        tally: counts of frames and positions, updated in place.
     """
     held: list[Positions] = []
     seen = 0
@@ -348,9 +367,10 @@ def frames_of_positions(
 
 
 def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFrameRows]:
-    """Generate the rows in chunks such that no chunk ends between rows of the same time, and no chunk is empty.
+    """Generate the rows in chunks such that rows of one time are in one chunk, and no chunk is empty.
 
-    InputError if times decrease.
+    Raises:
+        InputError: times decrease.
     """
     held: list[DetectionFrameRows] = []
     for chunk in chunks:
@@ -368,15 +388,23 @@ def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFram
 
 
 def _joined(parts: Sequence[DetectionFrameRows]) -> DetectionFrameRows:
+    """Return several parts of rows as one, in their order."""
     return DetectionFrameRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 def _detections_of_frame(
     rows: DetectionFrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxStatistics
 ) -> FrameDetectionsWithIds:
-    """Build the detections of one frame of camera `c` from its rows, and count them in `tally`.
+    """Build the detections of one frame of a camera from its rows.
 
-    Boxes outside the image, and repeated ones, are omitted. `row` (R,) are the numbers of the rows in the table.
+    Boxes outside the image, and repeated ones, are omitted and counted.
+
+    Args:
+        rows: R rows of the frame.
+        c: index of the camera.
+        row: (R,) numbers of the rows in the table.
+        cameras: cameras in use.
+        tally: counts of frames and boxes, updated in place.
     """
     there = rows.number >= 0
     outside = there & _outside(rows.edges, cameras[c])
@@ -399,7 +427,10 @@ def _detections_of_frame(
 
 
 def _outside(edges: Floats, camera: Camera) -> Bools:
-    """(R,) booleans: the box (`edges`, (R, 4)) lies entirely outside the image; all False if the size is unknown."""
+    """Return a mask (R,) of boxes that lie entirely outside the image; all False if its size is unknown.
+
+    `edges` (R, 4) are left, top, right, bottom [px].
+    """
     if camera.image_size is None:
         return np.zeros(len(edges), dtype=np.bool_)
     w, h = camera.image_size
@@ -409,9 +440,10 @@ def _outside(edges: Floats, camera: Camera) -> Bools:
 
 
 def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
-    """(n,) mask of boxes that duplicate one with a higher score, or an earlier one with the same score.
+    """Return a mask (n,) of boxes of one frame that repeat one with a higher score (or an earlier one, if equal).
 
-    Duplicates have an intersection over union of at least `DUPLICATE_IOU`.
+    Their intersection over union is at least `DUPLICATE_IOU`. `edges` (n, 4) are left, top, right, bottom [px], `score`
+    (n,) the confidences (NaN counts as 0).
     """
     n = len(edges)
     if n < 2:
@@ -431,7 +463,10 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
 def group_time_steps(
     frames: Iterable[FrameDetectionsWithIds], window_ns: int
 ) -> Iterator[list[FrameDetectionsWithIds]]:
-    """Generate time steps from frames: frames within `window_ns` of the first one, at most one of each camera."""
+    """Generate time steps: lists of successive frames within `window_ns` of the first one, at most one of each camera.
+
+    The frames must be in the order of time.
+    """
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in frames:
@@ -445,5 +480,5 @@ def group_time_steps(
 
 
 def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-    """Generate the frames of several time-ordered streams, sorted by time, then by camera."""
+    """Merge several time-ordered streams of frames into one, sorted by time, then by camera index."""
     return merge(*streams, key=lambda each: (each.detections.t_ns, each.detections.camera))

@@ -30,14 +30,19 @@ EventRow = tuple[int, str, int, int, float]
 
 
 class ImageTracksPart(NamedTuple):
-    """Tracks and events of one part (interval) of the output."""
+    """Tracks in the images and events of one part (interval of time) of the output, as tables."""
 
     tracks: PeopleViews
     events: Events
 
 
 class Rows(NamedTuple):
-    """n rows of tracks in the images, as columns."""
+    """n rows of tracks in the images, as columns.
+
+    Time, camera name, frame number, identity (unique over all cameras), `boxes` (n, 4) left, top, right, bottom [px],
+    `variance` (n, 2) of the centre [px^2], whether the box was detected in this frame, visible share, and whether the
+    row is the first of its track.
+    """
 
     t_ns: Ints
     sensor: Strings
@@ -53,13 +58,13 @@ class Rows(NamedTuple):
 def track_in_images(
     frames: Iterable[FrameDetectionsWithIds], cameras: Sequence[Camera], config: SortConfig
 ) -> Iterator[ImageTracksPart]:
-    """Track the boxes of each camera in its image, and generate parts of the output in the order of time.
+    """Track the boxes of each camera in its image, and generate tables in parts, in the order of time.
 
-    Without smoothing memory does not grow with the recording; with smoothing the boxes of all tracks are kept.
+    Without smoothing memory does not grow with the recording; with smoothing all boxes are kept, and there is one part.
 
     Args:
-        frames: in the order of time; the index of a camera is that in `cameras`.
-        cameras: of which the size of the image is used, where it is known.
+        frames: frames in the order of time; their camera is an index in `cameras`.
+        cameras: cameras; the image size is used where it is known.
         config: settings of the method.
     """
     trackers = [CameraTracks(camera, config) for camera in cameras]
@@ -87,7 +92,10 @@ def track_in_images(
 
 
 class Identities:
-    """Maps the identities of each camera's tracker to numbers that are unique over all cameras."""
+    """Maps the identities of each camera's tracker to numbers that are unique over all cameras.
+
+    Numbers are given from 0 in the order of first use.
+    """
 
     def __init__(self) -> None:
         """Start without identities."""
@@ -95,25 +103,25 @@ class Identities:
         self._shown: set[int] = set()
 
     def of(self, camera: int, own: Iterable[int]) -> Ints:
-        """Unique identities for the tracker's identities `own` of a camera."""
+        """Return the unique identities (n,) of a camera's own identities; unknown ones get the next numbers."""
         found = [self._numbers.setdefault((camera, k), len(self._numbers)) for k in own]
         return np.array(found, dtype=np.int64)
 
     def first(self, ids: Ints) -> Bools:
-        """Mask of the identities that have not been output before; marks them as output."""
+        """Return a mask (n,) of the identities that have not been output before, and mark them as output."""
         out = np.array([k not in self._shown for k in ids.tolist()], dtype=np.bool_)
         self._shown.update(ids.tolist())
         return out
 
     def event(self, camera: int, event: tuple[str, int, int, float]) -> tuple[str, int, int, float]:
-        """An event with unique identities in place of the tracker's."""
+        """Return an event (kind, identity, other identity, probability) with unique identities for the camera's own."""
         kind, own, other, probability = event
         me, another = int(self.of(camera, [own])[0]), NO_ID if other == NO_ID else int(self.of(camera, [other])[0])
         return kind, me, another, probability
 
 
 class CameraTracks:
-    """The image tracker of one camera, and the boxes of its tracks if these are smoothed."""
+    """The image tracker of one camera, and the boxes of its tracks if these are to be smoothed."""
 
     def __init__(self, camera: Camera, config: SortConfig) -> None:
         """Create the tracker of a camera, without frames."""
@@ -124,11 +132,11 @@ class CameraTracks:
         self._boxes: defaultdict[int, list[tuple[int, Floats, Floats]]] = defaultdict(list)
 
     def step(self, each: FrameDetectionsWithIds) -> FrameTracks:
-        """Track one more frame, and return its tracks."""
+        """Track the detections of one more frame, and return the frame's tracks."""
         return self.filter.step(each.detections, each.frame)
 
     def keep(self, each: FrameDetectionsWithIds) -> None:
-        """Track one more frame, and keep the boxes of tracks."""
+        """Track the detections of one more frame, and keep the boxes of its tracks for smoothing."""
         index = len(self.t_ns)
         self.t_ns.append(each.detections.t_ns)
         self.frames.append(each.frame)
@@ -137,7 +145,10 @@ class CameraTracks:
             self._boxes[key].append((index, each.detections.boxes[box], each.detections.appearance[box]))
 
     def smoothed(self) -> tuple[list[tuple[Boxes, SmoothedTrack]], list[Doubt]]:
-        """Linked and smoothed tracks of the camera, and the ambiguous links between their fragments."""
+        """Return the camera's linked and smoothed tracks, and the ambiguous links between their fragments.
+
+        Each track is given with its boxes; only confirmed tracks are used.
+        """
         tracks, row = [], 0
         for key, kept in self._boxes.items():
             if key in self.filter.confirmed:
@@ -150,9 +161,10 @@ class CameraTracks:
 
 
 def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
-    """Boxes of one track, given as (frame, box, appearance) per frame.
+    """Return the boxes of one track as columns.
 
-    Appearances are NaN where their length differs from the longest.
+    `kept` are (frame index, box (4,), appearance) of each frame; appearances of another length than the longest become
+    NaN. `row` is the number of the first box among all boxes of the camera.
     """
     frame, boxes, appearance = zip(*kept, strict=True)
     length = max(len(each) for each in appearance)
@@ -166,7 +178,10 @@ def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
 
 
 def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTracksPart:
-    """Return the smoothed tracks and the events of all cameras; `numbers` makes identities unique over them."""
+    """Return the smoothed tracks and the events of all cameras; `numbers` makes identities unique over them.
+
+    Events are `initiated`, `terminated`, and `possible_switch` at ambiguous links.
+    """
     rows: list[Rows] = []
     events: list[EventRow] = []
     for camera, tracker in enumerate(trackers):
@@ -200,7 +215,7 @@ def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTra
 
 
 def _with_visibility(tracks: PeopleViews) -> PeopleViews:
-    """Tracks with their visibility: the share of each box that no nearer track of its frame covers."""
+    """Return the tracks with column `visibility`: the share of each box that no nearer track of its frame covers."""
     half = np.column_stack([tracks.a_px, tracks.b_px])
     centre = np.column_stack([tracks.x_px, tracks.y_px])
     boxes = np.concatenate([centre - half, centre + half], axis=1)
@@ -215,7 +230,14 @@ def _with_visibility(tracks: PeopleViews) -> PeopleViews:
 
 
 def _rows_of(found: FrameTracks, sensor: str, camera: int, numbers: Identities) -> Rows:
-    """Return rows of the tracks of one frame of camera `camera` (index), named `sensor`, with unique identities."""
+    """Return rows of the tracks of one frame of a camera.
+
+    Args:
+        found: tracks of the frame, with the camera's own identities.
+        sensor: name of the camera.
+        camera: its index.
+        numbers: makes identities unique over all cameras; updated.
+    """
     ids = numbers.of(camera, found.id.tolist())
     n = len(ids)
     return Rows(
@@ -225,7 +247,10 @@ def _rows_of(found: FrameTracks, sensor: str, camera: int, numbers: Identities) 
 
 
 def _table(parts: Sequence[Rows]) -> PeopleViews:
-    """Table `view_tracks` of the rows; the ellipse of each is inscribed in its box."""
+    """Return the rows as table `view_tracks`, sorted by time, camera and identity.
+
+    Each ellipse is inscribed in its box; the first row of a track has the lifecycle `start`.
+    """
     some = [part for part in parts if len(part.id)]
     if not some:
         return PeopleViews.empty()

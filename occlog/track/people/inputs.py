@@ -58,15 +58,16 @@ IMPOSSIBLE_HEIGHT_RATIO = 10.0
 
 
 def median_height(heights: Floats) -> float:
-    """Median of the heights over the cameras that have an estimate; NaN if none has."""
+    """Return the median of the person heights (C,) over the cameras with an estimate; NaN if none has."""
     finite = heights[np.isfinite(heights)]
     return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
-    """Cameras with a height of people far from the others', as {camera index: height}.
+    """Return the cameras with a person height far from the others', as {camera index: height}.
 
-    Such a height is at least `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
+    `heights` (C,) are by the boxes of each camera (NaN: unknown). A height is far if it is at least
+    `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
     """
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():
@@ -77,7 +78,10 @@ def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
 
 
 def in_units_of(config: S, metre: float) -> S:
-    """Return the settings with all lengths converted from metres to the scene's unit; `metre` is one metre in it."""
+    """Return the settings with all lengths converted from metres to the scene's unit.
+
+    `metre` is the length of a metre in that unit.
+    """
     changed = {}
     for f in declared(type(config)):
         power, value = LENGTH_POWER.get(declaration(f).unit, 0), getattr(config, f.name)
@@ -96,20 +100,20 @@ RAISE = (
 
 
 class PeopleInput:
-    """Input of a multi-person tracker.
-
-    The boxes as a stream of time steps, and what is determined before tracking (cameras, unit, settings).
+    """Input of a multi-person tracker: detections as a stream of time steps, and what is determined before tracking.
 
     Attributes:
         scene: scene with the sensors, in its own unit.
-        cameras: those with a pose that are used.
-        notes: lines for the user.
-        tally: counts of boxes, brought up to date while time steps stream by.
-        heights: (C,) how tall people are by the first boxes of each camera; NaN: unknown.
-        metre: how many units of length are a metre.
+        cameras: cameras with a pose that are used; `sources` are the names of position sensors, `views` both.
+        notes: notes and warnings for the user.
+        tally: counts of frames and boxes, updated while time steps are read.
+        heights: (C,) median height of people by the first boxes of each camera; NaN: unknown.
+        metre: length of a metre in the scene's unit.
         config: settings of the method.
-        window_ns: frames that are this close together are of one time step.
-        regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
+        window_ns: frames this close together are of one time step.
+        regions_smoothed: the boxes are regions of video without confidence, with errors that last for many frames,
+            and smoothing is requested.
+        time_steps: iterator over time steps, each a list of frames.
     """
 
     COLOURS_OF_BOXES: ClassVar[bool] = False
@@ -118,7 +122,12 @@ class PeopleInput:
     _doa: Opened | None
 
     def __init__(self, request: TrackPeopleRequest) -> None:
-        """Open the boxes and read the first ones."""
+        """Open the boxes, and read the first frames for heights of people, length unit, settings and time window.
+
+        Raises:
+            InputError: no detections, no camera with a pose, or lengths that contradict the height of people.
+            UsageError: a requested camera is not in the scene.
+        """
         self.request = request
         try:
             self.opened = open_input(request.bearings)
@@ -153,18 +162,18 @@ class PeopleInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded when the boxes were made."""
+        """Losses recorded when the input files were made."""
         return input_losses([self.opened, self._doa])
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the cameras and position sensors in use."""
+        """Names of the cameras and position sensors in use, by their index."""
         return tuple(c.name for c in self.views)
 
     def _apply_clocks(self) -> None:
-        """Add the clocks with which the input's times were corrected to cameras for which the scene states none.
+        """Take the clocks that already correct the input's times into the scene, where the scene states none.
 
-        If they are unknown and the scene has clocks, a note states that these are not applied.
+        If it is unknown which clocks were applied and the scene has clocks, a note states that they are not applied.
         """
         applied = applied_clocks(self.opened)
         self._applied = {} if applied is None else applied
@@ -179,22 +188,28 @@ class PeopleInput:
 
     @property
     def clock_changes(self) -> dict[int, ClockChange]:
-        """Differences of the scene's clocks from those already applied to the input's times, by camera index."""
+        """Differences between the scene's clocks and those already applied to the input's times, by camera index.
+
+        Empty if the applied ones are unknown.
+        """
         return clock_changes(self.cameras, self.scene, self._applied) if self._known else {}
 
     def clock_figures(self) -> dict[str, object]:
-        """Clock corrections of the cameras [s], for the summary; empty if there is none."""
+        """Return the clock corrections [s] added to the input's times, for the summary; {} without any.
+
+        They are by camera name, under the key `clock_corrections_s`.
+        """
         changes = self.clock_changes
         added = {self.cameras[c].name: (e.before.offset_ns - e.after.offset_ns) / NS for c, e in changes.items()}
         return {"clock_corrections_s": added} if added else {}
 
     def _in_world_time(self, frames: Iterator[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames with times corrected by the clocks of the scene."""
+        """Generate the frames with times corrected by the clocks of the scene, sorted by the corrected times."""
         changes = self.clock_changes
         return retimed(frames, changes, len(self.cameras)) if changes else frames
 
     def _require_detections(self) -> None:
-        """Raise InputError if the input has neither boxes nor positions.
+        """Raise InputError if the input has neither boxes, regions nor positions.
 
         A table of positions must be ingested into a recording first.
         """
@@ -204,7 +219,7 @@ class PeopleInput:
         opened.require(Boxes, Views, Positions, remedy=_remedy(opened))
 
     def _sources(self) -> tuple[str, ...]:
-        """Names of the position sensors in use, sorted."""
+        """Return the names of the position sensors in use, sorted."""
         if self.opened.recording is None or not self.opened.has(Positions):
             return ()
         names = self.opened.recording.sensors_of(Positions)
@@ -212,7 +227,14 @@ class PeopleInput:
         return tuple(n for n in used if n not in self.request.without)
 
     def _cameras(self) -> tuple[Camera, ...]:
-        """Cameras to use. UsageError for an unknown name; InputError if no camera has a pose."""
+        """Return the cameras in use: those requested that have a pose above the ground; others cause a warning.
+
+        Empty if there are position sensors and no usable camera.
+
+        Raises:
+            UsageError: unknown name.
+            InputError: neither a camera with a pose nor a position sensor.
+        """
         positions = self.opened.recording is not None and self.opened.has(Positions)
         sources = self.opened.recording.sensors_of(Positions) if positions and self.opened.recording else ()
         chosen = self._chosen(sources)
@@ -252,9 +274,12 @@ class PeopleInput:
         return tuple(used)
 
     def _chosen(self, others: Iterable[str] = ()) -> list[Camera]:
-        """Cameras selected by the request.
+        """Return the cameras of the scene that the request selects.
 
-        UsageError for a name that is neither a camera of the scene nor in `others`.
+        `others` are names of other sensors that the request may select, too.
+
+        Raises:
+            UsageError: a requested name is neither a camera of the scene nor in `others`.
         """
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
@@ -267,7 +292,7 @@ class PeopleInput:
         ]
 
     def _frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras and position sensors, sorted by time."""
+        """Generate the frames of all cameras and position sensors in use, sorted by time; `tally` is updated."""
         if not self.sources:
             return self._camera_frames()
         index_of = {name: len(self.cameras) + k for k, name in enumerate(self.sources)}
@@ -275,7 +300,10 @@ class PeopleInput:
         return in_order(self._camera_frames(), found) if self.cameras else found
 
     def _camera_frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras, with frames that have no detection inserted."""
+        """Generate the frames of all cameras in use, sorted by time.
+
+        Frames without detections are inserted where the input omits them.
+        """
         known = [c.name for c in self.scene.cameras]
         boxes, external_table = self.opened.has(Boxes), self.opened.external_table
         views = () if boxes else self.opened.rows(Views)
@@ -288,7 +316,11 @@ class PeopleInput:
         return in_order(found, self._in_world_time(self._empty(index_of)))
 
     def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
-        """Generate frames without detections of a table of regions or external boxes, which has no rows for them."""
+        """Generate the frames without detections of a table of regions or external boxes, which has no rows for them.
+
+        Nothing is generated for a recording; frames known as lost are left out. `index_of` is the index of each camera
+        in use by name; `numbers` and `tally` are updated.
+        """
         if self.opened.recording is not None:
             return
         lost = gaps_of(self.opened.provenance.parameters)
@@ -298,7 +330,10 @@ class PeopleInput:
                 yield each
 
     def _directions(self) -> Opened | None:
-        """The input that holds directions of arrival; None if there is none."""
+        """Return the input with directions of arrival: the requested one, else the boxes' input if it has some.
+
+        None without any.
+        """
         if isinstance(self.request, TrackPeopleRequest) and self.request.doa is not None:
             opened = open_input(self.request.doa, Doa)
             if opened.made_in_a_scene:
@@ -307,7 +342,7 @@ class PeopleInput:
         return self.opened if self.opened.has(Doa) else None
 
     def heard(self) -> Iterator[DirectionsOfArrival]:
-        """Generate directions of arrival sorted by time, those of an array at one time in one item."""
+        """Generate directions of arrival in the order of time, those of an array at one time in one item."""
         if self._doa is None:
             return
         index_of = {array.name: k for k, array in enumerate(self.scene.arrays)}
@@ -321,13 +356,16 @@ class PeopleInput:
         if last is not None:
             yield from _by_array(last, index_of)
 
-    def _config(self, anybody: bool) -> tuple[float, JipdaConfig]:
-        """Length unit (units of the scene per metre) and settings of the tracker.
+    def _config(self, any_boxes: bool) -> tuple[float, JipdaConfig]:
+        """Return the length of a metre in the scene's unit, and the tracker's settings in this unit.
 
-        InputError if people would be giants or dwarfs.
+        If the scene states no unit, the metre follows from the setting `person_height` or from the boxes.
 
         Args:
-            anybody: there is a box in the first frames.
+            any_boxes: there is a box in the first frames.
+
+        Raises:
+            InputError: the height of people is impossible in the scene's unit, or the unit cannot be determined.
         """
         unit, given, tall = self.scene.length_unit, self.request.settings, median_height(self.heights)
         defaults = JipdaConfig.in_unit(unit)
@@ -367,7 +405,7 @@ class PeopleInput:
                 f"note: lengths are in a scene-specific unit; by boxes people are {tall:.3g} tall, so {metre:.3g} "
                 "are taken for a metre; state another one in the setting person_height"
             )
-        elif not anybody:
+        elif not any_boxes:
             metre = 1.0
         elif not self.cameras:
             raise InputError(
@@ -385,9 +423,9 @@ class PeopleInput:
 
 
 class ImageInput(PeopleInput):
-    """Input of trackers in the image.
+    """Input of trackers in the image: boxes of cameras, which need no pose, as a stream of single frames.
 
-    Boxes of cameras that need no pose, as a stream of frames, with cameras and settings.
+    Attributes are those of `PeopleInput` without heights, unit, settings and time steps; `frames` is the iterator.
     """
 
     COLOURS_OF_BOXES: ClassVar[bool] = True
@@ -397,7 +435,11 @@ class ImageInput(PeopleInput):
 
         Args:
             request: request to track in the images.
-            in_world_time: times are those of the clocks of the scene; else those of the input, which images have.
+            in_world_time: correct times by the clocks of the scene; else they are those of the input and its images.
+
+        Raises:
+            UsageError: no camera is left, or a requested one is unknown.
+            InputError: there are no boxes.
         """
         self.request = request
         self.opened = open_input(request.bearings)
@@ -419,7 +461,11 @@ class ImageInput(PeopleInput):
         self.frames = self._frames()
 
     def _named(self) -> Scene:
-        """A scene of cameras without poses, named as in the rows of boxes."""
+        """Return a scene of cameras without poses, with the names in the rows of boxes.
+
+        Raises:
+            InputError: no row names a camera.
+        """
         rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
         names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
         if not names:
@@ -429,7 +475,10 @@ class ImageInput(PeopleInput):
 
 
 def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
-    """Generate the rows of directions of arrival grouped by time and array; no time is split."""
+    """Generate directions of arrival from rows, one item for each time and array.
+
+    `index_of` is the index of each array by name; all rows of a time must be given together.
+    """
     table = rows.sorted()
     starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
     for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):
@@ -443,7 +492,10 @@ def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[Direction
 
 
 def _refuse_positions(path: Path) -> None:
-    """Raise InputError for a table with columns x and y: positions must be ingested into a recording first."""
+    """Raise InputError if the file is a table of ground positions: columns x and y, but no boxes.
+
+    Positions must be ingested into a recording first.
+    """
     from occlog.io.external.source import find_source
 
     source = find_source(path)
@@ -457,14 +509,17 @@ def _refuse_positions(path: Path) -> None:
 
 
 def _remedy(opened: Opened) -> str:
-    """Remedy for an input without boxes, for the end of a message."""
+    """Return the remedy for an input without boxes, as the end of a message."""
     if opened.recording is not None and opened.recording.cameras:
         return "find people in its images with `occlog detect`, and give the views that it writes"
     return "give a recording with boxes of a detector, made by `occlog ingest`, or views of `occlog detect`"
 
 
 def default_window(frame_detections: list[FrameDetectionsWithIds]) -> int:
-    """The widest window [ns] below half the shortest frame period; 0 if no camera has two frames."""
+    """Return the widest window [ns] for one time step: below half the shortest frame period of a camera.
+
+    0 if no camera has two frames. The period is by frame numbers, from the first frames given.
+    """
     times: dict[int, list[tuple[int, int]]] = {}
     for each in frame_detections:
         times.setdefault(each.detections.camera, []).append((each.detections.t_ns, each.frame))

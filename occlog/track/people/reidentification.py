@@ -42,7 +42,10 @@ MIN_NAME_PROBABILITY = 0.5
 
 
 class TrackSplit(NamedTuple):
-    """A time at which a track is split, since its identity may have been exchanged there."""
+    """A split of a track where its identity may have been exchanged with another one's.
+
+    `t_ns` is the time of the first frame after it, `other` the identity of the other track.
+    """
 
     track: int
     t_ns: int  # of the first frame after it
@@ -50,7 +53,12 @@ class TrackSplit(NamedTuple):
 
 
 class TrackFragments(NamedTuple):
-    """P fragments of tracks, sorted by track and time."""
+    """P fragments of K tracks, sorted by track and time.
+
+    Per fragment: `track` identity, times `first_ns` and `last_ns` of its rows, `partners`, the tracks split together
+    with it at its beginning, and the ascending search key `code`. `tracks` (K,) are the identities, `cuts` (T,) the
+    times of all splits, both ascending.
+    """
 
     track: Ints32  # (P,)
     first_ns: Ints  # (P,) of its rows
@@ -61,7 +69,7 @@ class TrackFragments(NamedTuple):
     code: Ints  # (P,) rising
 
     def of(self, track: Ints32, t_ns: Ints) -> Ints:
-        """(n,) fragment index of each row, by its track and time; -1 if the track is unknown."""
+        """Return the fragment index (n,) of each row by its track and time; -1 if the track is unknown."""
         index = np.minimum(np.searchsorted(self.tracks, track), max(len(self.tracks) - 1, 0))
         known = self.tracks[index] == track if len(self.tracks) else np.zeros(len(track), dtype=np.bool_)
         code = index * (len(self.cuts) + 1) + np.searchsorted(self.cuts, t_ns, side="right")
@@ -69,12 +77,12 @@ class TrackFragments(NamedTuple):
 
 
 def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> TrackFragments:
-    """Cut tracks.
+    """Split tracks into fragments.
 
     Args:
-        track: (n,) of rows.
-        t_ns: (n,) of rows.
-        cuts: in any order; several at one time are one.
+        track: (n,) identity of each row.
+        t_ns: (n,) time of each row.
+        cuts: splits in any order; several of a track at one time count as one, those of unknown tracks are ignored.
     """
     tracks, times = np.unique(track), np.unique(np.array([c.t_ns for c in cuts], dtype=np.int64))
     n = len(times) + 1
@@ -93,7 +101,11 @@ def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> Track
 
 
 class FragmentNames(NamedTuple):
-    """Identities assigned to P fragments of tracks, with their probabilities."""
+    """Identities assigned to P fragments of tracks.
+
+    `name` (P,) is the identity, `probability` (P,) that it is right, for fragments identified by appearance (NaN:
+    others).
+    """
 
     name: Ints32  # (P,)
     probability: Floats  # (P,) that the person of the gallery is it; NaN: not enough boxes
@@ -114,10 +126,10 @@ def reidentify_fragments(
 
     Args:
         pieces: fragments of all tracks.
-        evidence: similarities, by piece and person of the gallery.
+        evidence: similarities, by fragment and person of the gallery.
         gallery: identities of the people of the gallery.
-        similarity_limit: least mean similarity of a piece's boxes to a person.
-        least_boxes: least number of a piece's boxes that were compared.
+        similarity_limit: least mean similarity of a fragment's boxes to a person.
+        least_boxes: least number of a fragment's boxes that were compared.
     """
     overlap = (pieces.first_ns[:, None] <= pieces.last_ns) & (pieces.first_ns <= pieces.last_ns[:, None])
     identified = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], similarity_limit, least_boxes)
@@ -143,14 +155,19 @@ def reidentify_fragments(
 
 
 def _unnamed(pieces: TrackFragments, names: Mapping[int, int]) -> Bools:
+    """Return a mask (P,) of the fragments without an identity in `names` (fragment index to identity)."""
     return np.array([p not in names for p in range(len(pieces.track))], dtype=np.bool_)
 
 
 def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> list[int]:
-    """Candidate identities of a fragment.
+    """Return candidate identities of a fragment, the best first.
 
-    These are those of its track before and after it, and of the earlier fragments with which it may have been
-    exchanged.
+    They are those of its track before and after it, and of the earlier fragments with which it may have been exchanged.
+
+    Args:
+        pieces: fragments of all tracks.
+        piece: index of the fragment.
+        names: identity of each fragment that has one already.
     """
     own = np.flatnonzero(pieces.track == pieces.track[piece])
     before, after = own[own < piece], own[own > piece]
@@ -165,17 +182,17 @@ def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> lis
 def name_probability(
     evidence: IdentityEvidence, row: int, target: int, similarity_limit: float, least_boxes: int
 ) -> float:
-    """Probability that a track is a given person of the gallery.
+    """Return the probability that a fragment of a track is a given person of the gallery.
 
     A logistic function of the margin of its mean similarity to this person over the next person, or over the least
     similarity accepted for a box. Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
-        evidence: similarities of tracks to the people of the gallery.
-        row: index of the track.
+        evidence: similarities of fragments to the people of the gallery.
+        row: index of the fragment in `evidence`.
         target: identity of the person.
         similarity_limit: least similarity accepted for a box.
-        least_boxes: a person compared with fewer of them is no rival.
+        least_boxes: persons compared with fewer boxes are no rivals.
     """
     boxes = evidence.boxes[row]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -188,10 +205,11 @@ def name_probability(
 
 
 def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
-    """Rename the identities in the events, and drop possible switches that appearance resolves.
+    """Return the events with the new identities of the fragments, sorted, without switches that appearance resolves.
 
     If the boxes of both people identify them before and after a possible switch, its probability is that of a wrong
-    re-identification after it; improbable ones are dropped.
+    re-identification; events below `MIN_SWITCH_PROBABILITY` are dropped. `pieces` are the fragments, `names` their
+    identities.
     """
     own, other = pieces.of(events.target_id, events.t_ns), pieces.of(events.other_id, events.t_ns)
     doubt = events.kind == SWITCH_EVENT
@@ -215,9 +233,10 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Return events `reidentified`, as rows, of fragments that were identified by boxes.
+    """Return an event `reidentified`, as a row, for each fragment that was identified by appearance.
 
-    Fragments begin from `first_ns` to `last_ns`. A row is time, kind, identity, -1, and probability.
+    A row is time [ns], kind, identity, -1, probability. Only fragments that begin from `first_ns` to `last_ns` count.
+    `pieces` are the fragments, `names` their identities.
     """
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
@@ -227,7 +246,7 @@ def reidentification_events(
 
 
 def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
-    """Rename the tracks.
+    """Return the tracks with the new identities of their fragments, sorted by time and identity.
 
     The flag `possible_switch` stays only where `doubts` (events with the new identities) has such an event.
     """
@@ -245,7 +264,11 @@ NO_ID = -1
 
 
 class _TrackRows(NamedTuple):
-    """Rows of tracks in memory, as columns: about 50 bytes a row, and about 30 for each associated box."""
+    """Rows of tracks and associated boxes in memory, as columns.
+
+    Per row of a track: time, identity and `state` (n, 4) x, y, vx, vy. Per box that is more probably of a person than
+    not: frame number, camera index, box number and the identity of the person (`owner`).
+    """
 
     t_ns: Ints
     target_id: Ints32
@@ -257,14 +280,21 @@ class _TrackRows(NamedTuple):
 
 
 class GalleryReidentification:
-    """Re-identification of the tracks of all people with a gallery.
+    """Re-identification of the tracks of all people with an appearance gallery.
+
+    `named` takes all parts of the output and generates them with the gallery's identities; notes, figures and losses
+    are complete then.
 
     Attributes:
         parameters: settings for the provenance.
     """
 
     def __init__(self, gallery: Path, inputs: PeopleInput) -> None:
-        """Open the gallery and the images; InputError if there are neither images nor appearances of boxes."""
+        """Open the gallery, and the images if the boxes have no appearance.
+
+        Raises:
+            InputError: there are neither images nor appearances of boxes.
+        """
         self._opened = open_input(gallery, Gallery)
         self._sides = sides_of(self._opened.read(Gallery))
         self._inputs = inputs
@@ -282,7 +312,10 @@ class GalleryReidentification:
         return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
-        """Generate a warning if no track was identified, with the reasons."""
+        """Generate a warning text if no track was identified as a person of the gallery, with the reasons.
+
+        Nothing is generated before `named` has finished.
+        """
         if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
@@ -292,13 +325,16 @@ class GalleryReidentification:
             )
 
     def figures(self) -> dict[str, object]:
-        """Figures for the summary, available after `named`."""
+        """Return the counts for the summary, under the key `gallery`; they are complete after `named`."""
         return {"gallery": {**self._figures, **self._decisions.summary()}}
 
     def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:
-        """Generate all parts with the new identities.
+        """Generate all parts of the output with the new identities.
 
-        Parts are kept in a temporary file until the last one is known.
+        All parts are read first, and kept in a temporary file, since identities depend on the whole recording.
+
+        Args:
+            parts: time steps and tables of each part, in the order of time.
         """
         kept: list[_TrackRows] = []
         cuts: list[TrackSplit] = []
@@ -329,9 +365,9 @@ class GalleryReidentification:
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
     def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
-        """Compare the boxes with the gallery, and return the identities of the fragments.
+        """Compare the boxes of the tracks `rows` with the gallery; return the identities of the fragments `pieces`.
 
-        Figures of the summary are kept.
+        The counts for the summary are updated.
         """
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
@@ -373,7 +409,11 @@ class GalleryReidentification:
 
 
 def _images(inputs: PeopleInput) -> Opened | None:
-    """The input that holds images of the boxes; None if the boxes have appearances. InputError if there is neither."""
+    """Return the input that has images of the boxes; None if the boxes have appearances themselves (regions).
+
+    Raises:
+        InputError: the boxes have no appearance, and there are no images.
+    """
     if not inputs.opened.has(Boxes):
         return None
     scene = inputs.request.scene
@@ -389,6 +429,10 @@ def _images(inputs: PeopleInput) -> Opened | None:
 
 
 def _rows(part: SnapshotTables, index_of: dict[str, int]) -> _TrackRows:
+    """Return the tracks of a part of the output, and their associated boxes, as columns.
+
+    `index_of` is the camera index by name.
+    """
     tracks, support = part.tracks, part.support.take(part.support.probability > MIN_MAP_PROBABILITY)
     return _TrackRows(
         t_ns=tracks.t_ns,
@@ -402,7 +446,7 @@ def _rows(part: SnapshotTables, index_of: dict[str, int]) -> _TrackRows:
 
 
 def _tracks(rows: _TrackRows) -> Tracks:
-    """Table `tracks` of the rows, with unit covariances (the comparison does not use them)."""
+    """Return the rows as table `tracks`, with unit covariances (the comparison does not use them)."""
     x, y, vx, vy = rows.state.astype(np.float64).T
     one = np.ones(len(x))
     return Tracks.of(
@@ -411,7 +455,7 @@ def _tracks(rows: _TrackRows) -> Tracks:
 
 
 def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
-    """Generate the boxes of frames of the cameras `names`, each with its associated track (-1: none)."""
+    """Generate the boxes of frames of the cameras `names`, with the identity of the track of each box (-1: none)."""
     order = np.lexsort((rows.frame, rows.camera))
     camera, frame = rows.camera[order], rows.frame[order]
     starts = np.searchsorted(camera, np.arange(len(names) + 1))
@@ -430,9 +474,9 @@ def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...
 def _renamed(
     part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> SnapshotTables:
-    """Return a part with the new identities and their events `reidentified`.
+    """Return a part of the output with the new identities `names` of the fragments `pieces`.
 
-    These are of fragments that begin from `first_ns` to `last_ns`.
+    Events `reidentified` are added for fragments that begin from `first_ns` to `last_ns`.
     """
     events = named_events(part.events, pieces, names)
     named = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))

@@ -15,9 +15,11 @@ def retimed(
 ) -> Iterator[FrameDetectionsWithIds]:
     """Generate frames at corrected times, sorted by these.
 
+    A frame waits until no earlier one can follow.
+
     Args:
-        frames: frames of all cameras, in the order of time.
-        changes: change of the clock of each camera that has one, by the camera's index.
+        frames: frames of all cameras, in the order of their uncorrected times.
+        changes: change of the clock of each camera that has one, by camera index.
         count: number of cameras.
     """
     first: dict[int, int] = {}

@@ -36,14 +36,17 @@ COVARIANCES = {
 
 
 class SnapshotWithDetections(NamedTuple):
-    """Tracks after a time step, with the detections of its frames."""
+    """Tracks after a time step (`snapshot`), with the detections of its frames."""
 
     snapshot: TrackSnapshot
     frames: Sequence[FrameDetectionsWithIds]
 
 
 class SnapshotTables(NamedTuple):
-    """Output tables of several time steps; `views` is None if rows in the images are not requested."""
+    """Output tables of several time steps: tracks, associations (`support`), events, and tracks in the images.
+
+    `views` is None if rows in the images are not requested.
+    """
 
     tracks: PeopleTracks
     support: Associations
@@ -52,16 +55,22 @@ class SnapshotTables(NamedTuple):
 
 
 def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
-    """(m, C) probability that camera C has a box of person m, by the associations of one time step; C = `cameras`."""
+    """Return the probability (m, C) that camera C has a box of person m at a time step; C = `cameras`.
+
+    It is the sum of the person's association probabilities in the camera, at most 1.
+    """
     seen = np.zeros((len(snapshot.ids), cameras))
     np.add.at(seen, (snapshot.support.person, snapshot.support.camera), snapshot.support.probability)
     return np.minimum(seen, 1.0)
 
 
 def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], cameras: int | None = None) -> PeopleTracks:
-    """Table `tracks`: a row for each person and time step.
+    """Return table `tracks`: a row for each person and time step.
 
-    `names`: of the cameras in use (their number is `cameras`; None: all are cameras), then of position sensors.
+    Args:
+        seen: time steps with their detections.
+        names: names of the cameras in use, then of position sensors, by index.
+        cameras: number of cameras among them; None: all are cameras.
     """
     snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
     if not snapshots:
@@ -91,7 +100,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], came
 
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Associations:
-    """Return the associations table: a row for each box associated with a track.
+    """Return table `associations`, sorted: a row for each box associated with a track.
 
     `names` are those of the cameras and position sensors, by index.
     """
@@ -113,7 +122,7 @@ def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]
 
 
 def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
-    """Frame number and box number of each association of a time step."""
+    """Return the frame number (k,) and the box number (k,) of each of the k associations of a time step."""
     row = np.concatenate([e.detections.row for e in each.frames])
     frame = np.repeat([e.frame for e in each.frames], [len(e.box) for e in each.frames])
     order = np.argsort(row)
@@ -122,12 +131,16 @@ def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
 
 
 def events_of(seen: Sequence[SnapshotWithDetections]) -> Events:
-    """Return the events table: a row for each event of the time steps."""
+    """Return table `events`: a row for each event of the time steps."""
     return Events.of_rows((each.snapshot.t_ns, *event) for each in seen for event in each.snapshot.events)
 
 
 class ViewRows(NamedTuple):
-    """Rows of n people in frames, as columns."""
+    """n rows of people in frames, as columns.
+
+    Time, camera index, frame number, identity, `box` (n, 4) left, top, right, bottom [px], `spread` (n, 3) xx, xy, yy
+    of the covariance of its centre [px^2], `own`: whether a detected box of the camera is used, and visible share.
+    """
 
     t_ns: Ints  # (n,)
     camera: Ints  # (n,)
@@ -150,18 +163,18 @@ def image_rows(
     visibility: Floats,
     lifecycle: Strings | None = None,
 ) -> PeopleViews:
-    """Table `view_tracks` of n people in images, as ellipses inscribed in their boxes.
+    """Return table `view_tracks` of n people in images, as ellipses inscribed in their boxes.
 
     Args:
         t_ns: (n,) times.
-        sensor: (n,) cameras.
+        sensor: (n,) names of the cameras.
         frame: (n,) numbers of the frames.
         id: (n,) identities.
         box: (n, 4) left, top, right, bottom [px].
         covariance: (n, 3) xx, xy, yy of the centre of the box [px^2].
-        mode: (n,) `likelihood_mode`.
+        mode: (n,) column `likelihood_mode`: where the box is from.
         visibility: (n,) visible share.
-        lifecycle: (n,) as in the table; None: empty.
+        lifecycle: (n,) column `lifecycle`; None: empty.
     """
     n = len(id)
     nothing, unknown = np.full(n, ""), np.full(n, np.nan)
@@ -191,15 +204,15 @@ def image_rows(
 
 
 class TracksInViews:
-    """Tracks in the images: weighted means of the detected box and the projection from the ground plane."""
+    """Projects tracks into the images: weighted means of the detected box and the projection from the ground."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Prepare the projection of the cameras."""
+        """Prepare the projection; `cameras` have poses, and are in the order of the frames' camera indices."""
         self._names = np.array([c.name for c in cameras], dtype=np.str_)
         self._views = pack_views(cameras)
 
     def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
-        """A row for each person and frame of the time steps, where the person's position is in the image."""
+        """Return table `view_tracks`, sorted: a row for each person and camera frame with the person in its view."""
         parts = [
             self._in_frame(each.snapshot, frame)
             for each in seen
@@ -217,9 +230,10 @@ class TracksInViews:
         return table.sorted()
 
     def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Return rows of all tracks in one frame.
+        """Return rows of all tracks of `snapshot` that are in the view of the camera frame `each`.
 
-        They are projected from the ground plane, and combined with the detected boxes.
+        They are projected from the ground plane at the frame's time; a detected box counts with the visible share as
+        weight.
         """
         frame, c = each.detections, each.detections.camera
         there = np.flatnonzero(np.isfinite(snapshot.visibility[:, c]))
@@ -246,9 +260,10 @@ class TracksInViews:
 
 
 def _map_boxes(snapshot: TrackSnapshot, row: Ints, camera: int) -> Ints:
-    """(m,) index, in a frame, of the box associated with each person alone with a probability above one half.
+    """Return the index (m,), in a frame, of the box associated with each of m people alone; -1: none.
 
-    -1 if there is none.
+    Its probability is at least `MIN_MAP_PROBABILITY`. `row` are the table rows of the frame's boxes, `camera` is the
+    index of its camera.
     """
     out = np.full(len(snapshot.ids), -1, dtype=np.int64)
     s = snapshot.support

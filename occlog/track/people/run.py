@@ -50,10 +50,13 @@ MAX_SKIPPED_SHARE = 0.2
 
 
 class _Counts:
-    """Counts and checks that the summaries of tracks on the ground and in the images have in common."""
+    """Counts and checks that the summaries of tracks on the ground and in the images have in common.
+
+    People (identities), rows, rows without a box, times with people, events by kind, and expected identity switches.
+    """
 
     def __init__(self, inputs: PeopleInput) -> None:
-        """Start with all counts at 0."""
+        """Start with all counts at 0; `inputs` is the tracker's input, with its counts of boxes."""
         self.inputs = inputs
         self.people: set[int] = set()
         self.rows = self.unseen = 0
@@ -62,7 +65,7 @@ class _Counts:
         self.events: Counter[str] = Counter()
 
     def identities(self) -> tuple[Check, ...]:
-        """Check of the expected identity switches."""
+        """Return the check of the expected number of identity switches per person."""
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         return outcome(
             IDENTITIES,
@@ -74,15 +77,18 @@ class _Counts:
         )
 
     def numbering(self) -> tuple[Check, ...]:
-        """Check that frame numbers are successive."""
+        """Return the check that frame numbers of each camera are mostly successive."""
         return outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered")
 
     def found(self) -> tuple[Check, ...]:
-        """Check that there are tracks: `no-tracks` is found without any row; counts are stated."""
+        """Return the check that there are tracks, with their counts; finding `no-tracks` without any row."""
         return outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows)
 
     def count_events(self, events: Events) -> None:
-        """Add the events of a table to the counts."""
+        """Count the events by kind, and add the probabilities of possible switches to the expected number.
+
+        A switch of two tracks has two rows, each of which counts half.
+        """
         self.events.update(events.kind.tolist())
         # Both of the two have a row; a link to no other track has one
         share = np.where(events.other_id == NO_ID, 1.0, 0.5)
@@ -94,7 +100,10 @@ class _Counts:
             yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
-        """Generate findings about cameras for which ingest omitted many boxes outside the image."""
+        """Generate findings about cameras of which many boxes were omitted when the input was made.
+
+        They lay outside the image; the share is above `MAX_SKIPPED_SHARE`.
+        """
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):
@@ -142,21 +151,24 @@ class _Counts:
 
 
 class PeopleSummary(_Counts):
-    """Counts over a stream of tables for the figures and checks of the summary of tracks on the ground."""
+    """Counts over a stream of tables, for the figures and checks of the summary of tracks on the ground."""
 
     def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
-        """Start with all counts at 0; `agreement` counts, for the checks, what cameras have in common."""
+        """Start with all counts at 0; `agreement` counts what cameras detect in common, for the checks."""
         super().__init__(inputs)
         self.agreement = agreement
         self.speeds = PeopleSpeeds(agreement.person_height)
         self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:
-        """Take the learned error parameters of position sensors from the last filter state."""
+        """Take the learned error models of position sensors from the last filter state.
+
+        There are none (None) if the state is of another method.
+        """
         self.positions = state.positions if isinstance(state, JipdaState) else None
 
     def add(self, part: SnapshotTables) -> None:
-        """Add the tables of some time steps to the counts."""
+        """Add the tables of one part of the output to the counts."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
@@ -166,16 +178,16 @@ class PeopleSummary(_Counts):
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
-        """Figures of the summary.
+        """Return the figures of the summary by name.
 
         people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
-        without a box of any camera. expected_switches: the sum of the probabilities of the possible identity switches.
-        boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of two people
-        who touch is one box; confirmed: people whom another camera sees at the same time. detection_rates: of each
-        camera, the share of the people seen by another camera, and plainly visible to this one, that it detects.
+        without a box of any camera. expected_switches: sum of the probabilities of possible identity switches. boxes:
+        of each camera, those in use, associated and unassociated (expected numbers; a merged box of two people counts
+        once), and confirmed: people whom another camera detects at the same time. detection_rates: of each camera, the
+        share of the people detected by another camera and unoccluded in this one that it detects.
         common_position_error: standard deviation per axis and correlation time of the error that all cameras share.
-        static_clutter: number of static objects that a camera reports as people. clock_offsets: by how many seconds a
-        camera shows what was earlier. position_sigma: of each source of positions.
+        static_clutter: number of static objects that a camera reports as people. clock_offsets: delay [s] of a camera's
+        clock (positive: frames show the past). position_sigma: standard deviation of each position sensor.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -215,9 +227,9 @@ class PeopleSummary(_Counts):
         }
 
     def _detectors(self) -> dict[str, object]:
-        """Figures about detectors.
+        """Return figures about detectors by name: common position error, static clutter and clock offsets.
 
-        These are the position error that all cameras share, numbers of static objects, and clock delays.
+        Those unknown or 0 are omitted.
         """
         found = self.agreement
         static = {name: n for name, n in zip(self.inputs.names, found.static.tolist(), strict=True) if n}
@@ -230,14 +242,14 @@ class PeopleSummary(_Counts):
         }
 
     def _position_sigmas(self) -> dict[str, float]:
-        """Standard deviation per axis of the positions of each position sensor, as stated or learned."""
+        """Return the standard deviation per axis, stated or learned, of each position sensor, by name."""
         first, errors = len(self.inputs.cameras), self.positions
         if errors is None:
             return {}
         return {name: round(learned_sigma(errors, first + k), 4) for k, name in enumerate(self.inputs.sources)}
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the tracks with their findings."""
+        """Return all checks of the tracks on the ground, with their findings."""
         tally, heights = self.inputs.tally, self.agreement.person_heights()
         compared = np.count_nonzero(np.isfinite(heights)) > 1
         return (
@@ -255,7 +267,10 @@ class PeopleSummary(_Counts):
         )
 
     def _sigma_ratios(self) -> dict[str, float]:
-        """Ratio of the learned to the stated standard deviation of positions, for the sensors that state it."""
+        """Return the ratio of the learned to the stated standard deviation of positions, by sensor name.
+
+        Sensors that state none are omitted.
+        """
         errors = self.positions
         if errors is None:
             return {}
@@ -264,7 +279,7 @@ class PeopleSummary(_Counts):
         return {name: ratio for name, ratio in found.items() if np.isfinite(ratio)}
 
     def _position_noise(self) -> Iterator[Check]:
-        """Generate findings about position sensors with innovations that contradict the stated deviations."""
+        """Generate findings about position sensors with innovations that contradict the stated standard deviations."""
         for name, ratio in self._sigma_ratios().items():
             if ratio > MAX_SIGMA_RATIO:
                 what = f"positions of {name}"
@@ -280,12 +295,15 @@ class PeopleSummary(_Counts):
                 )  # fmt: skip
 
     def _smoothed(self) -> Iterator[Check]:
-        """Generate the finding that the regions have time-correlated errors, since they were smoothed."""
+        """Generate the finding that regions of video have time-correlated errors, if they were smoothed."""
         if self.inputs.regions_smoothed and self.rows:
             yield finding(SMOOTHED, "correlated-region-errors")
 
     def _tall(self, heights: Floats) -> Iterator[Check]:
-        """Generate findings about cameras in which people are taller or shorter than in others; `heights` (C,)."""
+        """Generate findings about cameras in which people are much taller or shorter than in the others.
+
+        `heights` (C,) are the median heights by the boxes of each camera; NaN: unknown.
+        """
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(heights).items():
             name = self.inputs.names[c]
@@ -293,7 +311,7 @@ class PeopleSummary(_Counts):
 
 
 class ImageSummary(_Counts):
-    """Counts over a stream of tables for the figures and checks of the summary of tracks in the images."""
+    """Counts over a stream of tables, for the figures and checks of the summary of tracks in the images."""
 
     def add(self, part: ImageTracksPart) -> None:
         """Add the rows and events of a part to the counts."""
@@ -305,11 +323,11 @@ class ImageSummary(_Counts):
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
-        """Figures of the summary.
+        """Return the figures of the summary by name.
 
-        identities, rows: of the tracks.  mean_people: in the frames that have any.  predicted_share: share of the
-        rows without a box of their frame.  expected_switches: the sum of the probabilities of the possible identity
-        switches.  frames, boxes: of each camera, those that were read.
+        identities, rows: of the tracks.  mean_people: in the frames that have any.  predicted_share: share of the rows
+        without a box of their frame.  expected_switches: sum of the probabilities of possible identity switches.
+        frames, boxes: of each camera, those that were read.
         """
         names, tally = self.inputs.names, self.inputs.tally
         return {
@@ -324,14 +342,17 @@ class ImageSummary(_Counts):
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the tracks with their findings."""
+        """Return all checks of the tracks in the images, with their findings."""
         return (*outcome(OUTSIDE, self._lost()), *self.identities(), *self.numbering(), *self.found())
 
 
 def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track in the image of each camera as requested, and write the tables.
 
-    Return the figures of the summary, and the losses of earlier steps. UsageError for a window.
+    Return the figures of the summary, and the losses recorded in the input.
+
+    Raises:
+        UsageError: a time window is requested, which this method does not use.
     """
     if request.window is not None:
         raise UsageError(
@@ -358,7 +379,7 @@ def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[s
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track all people on the ground as requested, and write the tables.
 
-    Return the figures of the summary, and the losses of earlier steps.
+    Return the figures of the summary, and the losses recorded in the inputs and of this run.
     """
     inputs = PeopleInput(request)
     for line in inputs.notes:

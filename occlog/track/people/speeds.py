@@ -33,10 +33,13 @@ BINS_PER_HEIGHT, MAX_BINS = 20, 4000
 
 
 class PeopleSpeeds:
-    """Speeds, durations and legs of tracks, over a stream of tables."""
+    """Speeds, durations and legs of tracks over a stream of tables, and a check that they are those of people.
+
+    A leg is a stretch of a track that ends `LEG` heights of a person away from its start.
+    """
 
     def __init__(self, person_height: float) -> None:
-        """Start without tracks; `person_height` in the scene's unit."""
+        """Start without tracks; `person_height` is the mean height of people in the scene's unit."""
         self.height = person_height
         self.rows = 0
         self._bins = np.zeros(MAX_BINS, dtype=np.int64)
@@ -46,7 +49,7 @@ class PeopleSpeeds:
         self.legs = self.slow_legs = 0
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Add rows of tracks, in the order of time."""
+        """Add the rows of a table of tracks, which must be in the order of time over all calls."""
         if not len(tracks):
             return
         speed = np.hypot(tracks.vx, tracks.vy) / self.height
@@ -60,7 +63,11 @@ class PeopleSpeeds:
             self._add_legs(id, places[rows], speed[rows])
 
     def _add_legs(self, id: int, places: Floats, speed: Floats) -> None:
-        """Count the legs of a track: positions (n, 2), and their speeds (n,) [heights/s]."""
+        """Count the completed legs of the track `id`, and the slow ones among them.
+
+        `places` (n, 2) are its next positions, `speed` (n,) [person heights/s]; the last leg stays open. A leg is slow
+        if its top speed is below `MIN_TOP_SPEED`.
+        """
         begin, top = self._legs.get(id, (places[0], 0.0))
         while len(places):
             beyond = np.flatnonzero(np.hypot(*(places - begin).T) >= LEG * self.height)
@@ -75,11 +82,11 @@ class PeopleSpeeds:
 
     @property
     def median(self) -> float:
-        """Median speed [scene's unit/s] of the people who move; NaN where too few do."""
+        """Median speed [scene unit/s] of the rows of people who move; NaN where too few do."""
         return self._quantile(0.5)
 
     def _quantile(self, share: float) -> float:
-        """Quantile of the speeds [scene's unit/s] of the people who move; NaN where too few do."""
+        """Return the quantile `share` of the speeds [scene unit/s] of people who move; NaN where too few do."""
         moving = self._bins[round(MOVING * BINS_PER_HEIGHT) :]
         count = int(moving.sum())
         if count < max(MIN_ROWS, MIN_SHARE * self.rows):
@@ -88,12 +95,15 @@ class PeopleSpeeds:
         return (MOVING + (found + 0.5) / BINS_PER_HEIGHT) * self.height
 
     def checks(self, unit: str) -> tuple[Check, ...]:
-        """The check of speeds; `unit` of lengths."""
+        """Return the check of the speeds of people, with its findings; `unit` is the length unit, for messages."""
         few = "" if np.isfinite(self.median) or self.slow_legs >= MIN_LEGS else "too few people move"
         return outcome(SPEEDS, self._findings(unit), unless=few, median=self.median)
 
     def _findings(self, unit: str) -> Iterator[Check]:
-        """Report people who are faster than any runner, or too slow for the distance they cover."""
+        """Generate a finding if people are faster than runners, or too slow for the distance that they cover.
+
+        `unit` is the length unit, for messages.
+        """
         ends = np.array(list(self._tracks.values())).reshape(-1, 2)
         life_s = float((ends[:, 1] - ends[:, 0]).mean()) if len(ends) else 0.0
         limit = (MAX_SPEED if life_s >= SHORT_S else MAX_SPEED_IF_SHORT) * self.height

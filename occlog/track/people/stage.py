@@ -34,7 +34,7 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
     """Interface of a fixed-lag smoother, which returns time steps in order after later data has arrived.
 
     `begin(lag_ns, generator)` creates its state (lag None: whole recording), `add` takes the filter's result of one
-    more time step and returns those that are ready, and `finish` returns the remaining ones.
+    more time step and returns the new state and the smoothed time steps that are ready, `finish` returns the others.
     """
 
     begin: Callable[[int | None, Generator], Window]
@@ -43,10 +43,11 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 
 
 class PeopleTracker(NamedTuple, Generic[State, Window]):
-    """Interface of a multi-person method.
+    """Interface of a multi-person method: functions that begin and advance the filter, and an optional smoother.
 
-    `begin` creates the filter state, `step` processes the frames of one time step, `hear` directions of arrival;
-    `future` is its smoother.
+    `begin(scene, cameras, config)` creates the filter state, `step` takes the frames of one time step and returns the
+    new state and the tracks, `hear` updates the state by directions of arrival (None: not used), `future` is the
+    smoother.
     """
 
     begin: Callable[[Scene, Sequence[Camera | PositionSource], JipdaConfig], State]
@@ -74,17 +75,17 @@ def track_people(
     heard: Iterable[DirectionsOfArrival] = (),
     at_end: Callable[[State], None] | None = None,
 ) -> Iterator[list[SnapshotWithDetections]]:
-    """Track all people, and generate the tracked time steps in chunks of bounded size.
+    """Track all people, and generate the tracked time steps in chunks of bounded size, in the order of time.
 
     Args:
         time_steps: frames of each time step, in the order of time; none is empty.
         scene: scene with the sensors, in its own unit.
-        cameras: those with frames, then sources of positions, in the order of their indices in the frames.
-        config: settings of the method; with `smooth` or a lag time steps wait for what comes after them.
+        cameras: cameras, then position sensors; the frames refer to them by index.
+        config: settings of the method; with smoothing or a lag, time steps wait for later ones.
         follower: the method: its filter and smoother.
-        seed: of the random numbers that the future is searched with.
+        seed: seed of the smoother's random numbers.
         heard: directions of arrival at the scene's arrays, in the order of time.
-        at_end: receives the state after the last time step.
+        at_end: called with the state after the last time step; None: not.
     """
     held: list[SnapshotWithDetections] = []
     rows = 0
@@ -112,7 +113,7 @@ def track_people(
 
 
 def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDetectionsWithIds] | None) -> Floats:
-    """(2,) origin of local coordinates near the cameras, or near the first positions if there is no camera."""
+    """Return the origin (2,) of local coordinates: near the cameras, or near the first positions without cameras."""
     placed = [c for c in cameras if not isinstance(c, PositionSource)]
     if placed:
         return map_origin(placed)
@@ -121,7 +122,7 @@ def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDet
 
 
 def _shifted(frames: Sequence[FrameDetectionsWithIds], origin: Floats) -> Sequence[FrameDetectionsWithIds]:
-    """Frames with ground positions relative to the origin."""
+    """Return the frames with ground positions relative to `origin` (2,); boxes in images are unchanged."""
     if not origin.any():
         return frames
     by = np.tile(origin, 2)
@@ -143,8 +144,15 @@ def _steps(
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
     """Filter each time step, after an update with the directions of arrival since the previous one.
 
-    Generate the state and the tracks after each. `heard` are the directions in the order of time; `at_end` receives the
-    last state.
+    Generate the filter state and the tracks after each.
+
+    Args:
+        steps: frames of each time step.
+        scene: scene with the microphone arrays.
+        state: initial state.
+        follower: the method.
+        heard: directions of arrival in the order of time.
+        at_end: called with the last state; None: not.
     """
     sounds = iter(heard)
     sound = next(sounds, None)
@@ -165,7 +173,14 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """Generate the result of each time step, immediately or after smoothing; `seed` is that of the smoother's draws."""
+    """Generate the result of each time step in order: immediately, or after smoothing if `config` requests it.
+
+    Args:
+        steps: filter state and tracks after each time step.
+        follower: the method, with its smoother.
+        config: settings of the method.
+        seed: seed of the smoother's random numbers.
+    """
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
@@ -182,7 +197,7 @@ def _reported(
 
 
 class Tabulator:
-    """Converts time steps to output tables, and counts the detections that cameras have in common."""
+    """Converts time steps to output tables, and counts the detections that cameras have in common (`agreement`)."""
 
     def __init__(
         self,
@@ -192,13 +207,13 @@ class Tabulator:
         person_height: float = 1.7,
         room: Floats | None = None,
     ) -> None:
-        """Create empty counts.
+        """Prepare the tables, with all counts at 0.
 
         Args:
-            cameras: cameras in the order of the frames' indices, then sources of positions.
-            in_images: project all tracks into every image.
-            person_height: mean height of people, in the scene's unit.
-            room: (K, 2) where people can be; None: not stated.
+            cameras: cameras in the order of the frames' indices, then position sensors.
+            in_images: project all tracks into every image (table `view_tracks`).
+            person_height: mean height of people in the scene's unit.
+            room: (K, 2) polygon where people can be; None: not stated.
         """
         self._names = [c.name for c in cameras]
         self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)
@@ -206,7 +221,7 @@ class Tabulator:
         self.agreement = CameraAgreement(cameras, person_height, room)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
-        """Return the output tables of some time steps, and count their detections."""
+        """Return the output tables of some time steps, and count their detections in `agreement`."""
         for each in seen:
             self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(

@@ -74,7 +74,6 @@ def test_against_a_general_optimiser(loss: str, seed: int) -> None:
     np.testing.assert_allclose(found.xy[0], best.x, atol=2e-5)
 
 
-@pytest.mark.jit
 def test_covariance_is_that_of_repeated_trials() -> None:
     rng, xy, sigma, runs = np.random.default_rng(1), np.array([3.0, 7.0]), 0.01, 5000
     z = azimuths_of(xy, CORNERS) + sigma * rng.normal(size=(runs, 4))

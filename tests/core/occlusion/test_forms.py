@@ -37,7 +37,6 @@ def kind(name: str, rng: np.random.Generator, size: int = 12) -> Priors:
     return priors._replace(minor=np.zeros(size)) if name == "line" else priors
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("spread", [50.0, 4.0])
 @pytest.mark.parametrize("name", ["isotropic", "anisotropic", "line", "known", "polygon"])
 @pytest.mark.parametrize("form", FORMS)
@@ -71,7 +70,6 @@ def test_a_place_at_the_camera_is_not_hidden(name: str, form: int) -> None:
     assert got[:, 0].tolist() == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("seed", range(3))
 def test_sums_over_subsets_are_sums_over_eta(seed: int) -> None:
     """Sum over Q of p_Q prod_Q (a - b) prod_not-Q b = sum over eta of p(eta) prod_seen a prod_hidden b."""

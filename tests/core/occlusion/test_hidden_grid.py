@@ -31,7 +31,6 @@ def occluders(rng: np.random.Generator, sigma: float, alpha: float, size: int = 
     return gaussian_priors(rng.uniform(0, 100, (size, 2)), spread, 3.33)
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("far", [5.5, 3.5])
 @pytest.mark.parametrize("alpha", [1.0, 4.0])
 @pytest.mark.parametrize("seed", range(6))
@@ -51,7 +50,6 @@ def test_the_error_is_that_of_the_tail(seed: int, alpha: float, far: float) -> N
         assert np.abs(found - plain).max() < 1e-6 * plain.max()
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(
     ("name", "spread", "sigma"), [("wide cloud", 20.0, 5.0), ("narrow prior", 2.0, 0.1), ("known", 2.0, 0.0)]
 )
@@ -65,7 +63,6 @@ def test_what_is_not_smooth_is_computed_place_by_place(name: str, spread: float,
     np.testing.assert_array_equal(found, visibility_probability(xy, rows, *CAMERA, priors, IMPROVED, 5.5))
 
 
-@pytest.mark.jit
 def test_a_camera_within_the_cloud_and_few_places_are_computed_place_by_place() -> None:
     rng = np.random.default_rng(3)
     xy, priors = cloud(rng, 1.0), occluders(rng, 5.0, 1.0)

@@ -249,10 +249,7 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     write_table(folder / "both.parquet", east, made)
     both = ["evaluate", "both.parquet", "--truth", "recording.mcap"]
     assert run(both) == ExitCode.DONE
-    assert (
-        "initiated from detections, so that their numbers are not those of targets; --assigned-target start"
-        in _notes(capsys)
-    )
+    assert "so that their numbers are not those of targets; --assigned-target start" in _notes(capsys)
     assert run([*both, "--assigned-target", "id"]) == ExitCode.DONE
     assert "FR needs --assigned-target start" in _notes(capsys)
     assert figures([*both, "--assigned-target", "start"], capsys)["fr_p_sensor_north"] == 1.0

@@ -25,7 +25,6 @@ from occlog.filtering.likelihood.directions import (
 )
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
-pytestmark = pytest.mark.jit
 FLOOR = 1e-4
 TARGET = np.array([28.0, 66.0])
 

@@ -28,7 +28,6 @@ from occlog.filtering.likelihood.directions import (
 from occlog.records.scene import Occluder, Scene
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise
 
-pytestmark = pytest.mark.jit
 D, FLOOR, SOFTEN = 3.33, 1e-3, 0.02
 CASES = [(seed, 1 + seed % 6, M) for seed, M in enumerate((3, 20, 7, 0, 12, 5, 1, 20, 9, 16, 4, 20))]
 FORMS = [(*case, (PRINTED, IMPROVED, QUADRATURE)[(k + k // 6) % 3]) for k, case in enumerate(CASES)]

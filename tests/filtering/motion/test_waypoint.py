@@ -68,7 +68,6 @@ def test_a_waiting_particle_stays_and_a_changing_one_goes_to_its_new_destination
     np.testing.assert_array_equal(p.xy, [[20.0, 20.0]] * 3)  # the old particles are as they were
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(("arrived", "probabilities"), [(False, [0.9, 0.05, 0.05]), (True, [0.05, 0.9, 0.05])])
 def test_regimes_of_a_reference_step_have_the_papers_probabilities(arrived, probabilities):
     n = 100_000

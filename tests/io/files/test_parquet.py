@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import resource
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,6 +45,34 @@ def test_round_trip(tmp_path: Path, table: type, rows: int) -> None:
     assert same(got, want)
     assert read_provenance(path) == PROVENANCE
     assert describe(path)["rows"] == rows
+
+
+def test_tables_are_written_and_read_without_pandas(tmp_path: Path) -> None:
+    """pyarrow's own conversions import it, which takes longer than many a command."""
+    code = """
+import sys
+from pathlib import Path
+from random_tables import random_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
+from occlog.records.tables import TABLES
+for table in TABLES.values():
+    path = Path(table.NAME + ".parquet")
+    write_table(path, random_table(table, 10), Provenance("detect"))
+    read_table(path, table)
+print("pandas" in sys.modules)
+"""
+    search = os.pathsep.join(["", *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": search},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "False\n"
 
 
 def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:

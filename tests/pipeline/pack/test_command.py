@@ -16,7 +16,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.provenance import Provenance, processor_type
+from occlog.io.files.provenance import Provenance, installed_versions, processor_type
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.archive import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
 from occlog.pipeline.run.stage import RunStage
@@ -149,6 +149,26 @@ def test_what_differs_is_named_and_whether_versions_explain_it(
     code, found = verify(old, capsys)
     assert (code, "may explain" in str(found["result"])) == (ExitCode.DIFFERENT, True)
     assert found["versions"]["numpy"].startswith("1.0, now ")
+
+
+def test_another_python_is_the_first_version_that_is_named(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(VALUES, "_provenance", 5)
+    now = installed_versions()
+    old = changed(packed / "x.zip", tmp_path / "old.zip", versions={**now, "python": "3.12.1"})
+    code, found = verify(old, capsys)
+    cause = f"other versions (python 3.12.1, now {now['python']})"
+    assert (code, found["result"]) == (ExitCode.DONE, f"the same values; {cause}, so that bytes differ")
+    monkeypatch.setitem(VALUES, "rmse_m", 2.0)
+    without_click = {name: version for name, version in now.items() if name != "click"}
+    many = changed(
+        packed / "x.zip", tmp_path / "many.zip", versions={**without_click, "python": "3.12.1", "numpy": "1.0"}
+    )
+    code, found = verify(many, capsys)
+    assert code == ExitCode.DIFFERENT
+    cause = f"other versions (python 3.12.1, now {now['python']}; numpy 1.0, now {now['numpy']}; and 1 more)"
+    assert str(found["result"]).startswith(f"{cause}: may explain what differs; ")
 
 
 def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(

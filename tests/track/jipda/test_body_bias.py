@@ -14,7 +14,6 @@ from occlog.track.methods.jipda.kernels.detections import DetectorModel, axis_no
 from occlog.track.methods.jipda.kernels.lasting_errors.body_bias import body_bias_shift
 from occlog.track.methods.jipda.lasting_errors.body_bias import PRIOR_SIGMA, bias_information, with_body_bias
 
-pytestmark = pytest.mark.jit
 MEAN = np.array([[4.5, 5.5, 0.0, 0.0, 1.75, 0.5]])
 COVARIANCE = np.diag([0.01, 0.01, 1.0, 1.0, 0.01, 0.0025])[None]
 

@@ -17,7 +17,6 @@ from occlog.track.methods.jipda.lasting_errors.clock_offset import (
 )
 from occlog.track.methods.jipda.lasting_errors.normal_equations import BATCH_S, MAX_BATCHES, MIN_BATCHES
 
-pytestmark = pytest.mark.jit
 SCENE = hall("abcd")
 C = len(SCENE.cameras)
 
@@ -83,6 +82,7 @@ def test_normal_equations_are_those_of_dense_least_squares() -> None:
     np.testing.assert_array_equal(sums[:, 0], np.diff(boxes.first))
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("late", [np.zeros(4), np.array([0.0, -0.3, 0.0, 0.1])])
 def test_offsets_are_found_with_honest_errors(late: np.ndarray) -> None:
     """40 repetitions: the errors of unflagged and flagged offsets agree with the standard errors."""

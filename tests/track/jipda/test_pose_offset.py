@@ -21,7 +21,6 @@ from occlog.track.methods.jipda.lasting_errors.pose_offset import (
     update_poses,
 )
 
-pytestmark = pytest.mark.jit
 SCENE = hall("abcd")
 C = len(SCENE.cameras)
 CONFIG = JipdaConfig()

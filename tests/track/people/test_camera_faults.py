@@ -12,6 +12,7 @@ import pytest
 from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera
 from occlog.track.methods.jipda.interface import FrameDetections
+from occlog.track.people.camera_checks import camera_faults
 from occlog.track.people.camera_checks.camera_faults import MAX_STEPS, CameraFaults
 from occlog.track.people.camera_checks.pair_overlap import in_image, projected_people
 from occlog.track.people.frame_detections import FrameDetectionsWithIds
@@ -213,6 +214,17 @@ def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:
     begin, end = (float(word) for word in words.split() if word.replace(".", "").isdigit())
     assert abs(begin - 6.0) <= 1.5
     assert abs(end - 12.0) <= 1.5
+
+
+def test_a_part_is_not_searched_if_most_of_its_steps_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many boxes some steps are compared; the other ones show whether those are typical."""
+
+    def shifted(step: int, boxes: Boxes) -> Boxes:
+        return boxes if step % 4 or not 60 <= step < 130 else {**boxes, 0: boxes[0] - [300.0, 0.0, 300.0, 0.0]}
+
+    monkeypatch.setattr(camera_faults, "MAX_BOXES", 600)
+    monkeypatch.setattr(camera_faults._Search, "_best", lambda *_, **__: pytest.fail("the part is searched"))
+    assert reported(found(cameras(), cameras(), shifted), doubtful=False) == {}
 
 
 def test_a_camera_that_was_pushed_is_named_with_its_rotation() -> None:

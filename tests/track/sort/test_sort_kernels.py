@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from occlog.array_types import Floats
 from occlog.track.methods.sort.kernels.boxes import (
@@ -60,7 +59,6 @@ def textbook(
     return (cov @ vector).reshape(n, 2), cov
 
 
-@pytest.mark.jit
 def test_the_smoother_is_the_least_squares_path() -> None:
     rng = np.random.default_rng(3)
     times = np.cumsum(rng.uniform(0.1, 0.4, 9))

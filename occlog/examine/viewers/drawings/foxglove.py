@@ -32,14 +32,14 @@ GROUND: Rgba = (0.06, 0.06, 0.06, 0.7)
 
 
 def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """`foxglove.SceneUpdate` that shows these shapes and removes all others of its topic.
+    """Return an encoded `foxglove.SceneUpdate` that shows these shapes and removes all others of its topic.
 
     Since each message replaces earlier ones, a jump in time shows the same as continuous playback.
 
     Args:
-        things: in metres.
-        t_ns: their time.
-        frame: of reference.
+        things: shapes, in metres.
+        t_ns: their time [ns].
+        frame: name of the coordinate frame.
     """
     message = SceneUpdate()
     message.deletions.add(type=SceneEntityDeletion.Type.ALL).timestamp.FromNanoseconds(t_ns)
@@ -76,7 +76,7 @@ def _points(points: Floats) -> list[Point3]:
 
 
 def _drawn(lines: Sequence[Polyline], dash: float) -> Iterator[Floats]:
-    """Generate the points (k, d) of each line: its vertices, or the ends of its dashes of length `dash`."""
+    """Generate the points (k, d) of each polyline to draw: its vertices, or the ends of its dashes of length `dash`."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return (next(ends) if line.dashed else line.points for line in lines)
 
@@ -112,9 +112,9 @@ def _add_text(entity: SceneEntity, text: Text) -> None:
 
 
 def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
-    """Return an encoded `foxglove.ImageAnnotations` with the lines and texts of `things` over an image.
+    """Return an encoded `foxglove.ImageAnnotations` with the lines and texts of shapes over an image.
 
-    Points are in pixels with centres at integers. `t_ns`: time of the image [ns].
+    Points of the shapes are in pixels with centres at integers. `t_ns`: time of the image [ns].
     """
     message = ImageAnnotations()
     if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
@@ -150,10 +150,10 @@ PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
 def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """Return an encoded `foxglove.PointCloud` along lines and edges of shapes [m], then of their dots.
+    """Return an encoded `foxglove.PointCloud` with points along the lines and edges of shapes, and their dots.
 
     Args:
-        things: shapes; their texts are left out.
+        things: shapes, in metres; their texts are left out.
         t_ns: time [ns].
         frame: name of the coordinate frame of the points.
     """
@@ -177,13 +177,15 @@ def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
 
 
 def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: Camera) -> bytes:
-    """Lines over an image as a `foxglove.PointCloud` in a plane in front of the camera, where they cover the image.
+    """Return an encoded `foxglove.PointCloud` of lines over an image, in a plane in front of the camera.
+
+    Seen from the camera, the points cover the lines in the image (without distortion, as viewers assume).
 
     Args:
-        things: in pixels as recorded, their centres at whole numbers.
-        t_ns: their time.
-        frame: of the camera: x to the right, y down, z forward.
-        camera: camera of the image. The viewer assumes images without distortion, and so does this.
+        things: shapes in pixels with centres at integers.
+        t_ns: time [ns].
+        frame: name of the camera's coordinate frame: x to the right, y down, z forward.
+        camera: camera of the image.
     """
     lines = [line for thing in things for line in thing.lines]
     cut = _cut(lines, DASH_PX)
@@ -199,9 +201,9 @@ def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, f
     """Return an encoded `foxglove.PointCloud`.
 
     Args:
-        points: (N, 3).
+        points: (N, 3) [m].
         counts: (k,) numbers of successive points of one colour; they sum to N.
-        colours: colour of each.
+        colours: k colours.
         t_ns: time [ns].
         frame: name of the coordinate frame.
     """
@@ -222,13 +224,13 @@ def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, f
 
 
 def _cut(lines: Sequence[Polyline], dash: float) -> list[list[Floats]]:
-    """Return for each line the polylines (k, d) that are drawn: itself, or its dashes of length `dash`."""
+    """Return for each polyline what is drawn of it, as polylines (k, d): itself, or its dashes of length `dash`."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return [list(next(ends).reshape(-1, 2, line.points.shape[1])) if line.dashed else [line.points] for line in lines]
 
 
 def _column(column: Cylinder) -> list[Floats]:
-    """Lines of a cylinder: both rims, and four vertical ones."""
+    """Return the lines (k, 3) that draw a cylinder: both rims, and four vertical ones."""
     ring = around(column.foot[:2], np.full(2, 0.5 * column.width))
     low, high = float(column.foot[2]), float(column.foot[2]) + column.height
     sides = [np.array([[*ring[k], low], [*ring[k], high]]) for k in range(0, len(ring) - 1, len(ring) // 4)]
@@ -236,7 +238,7 @@ def _column(column: Cylinder) -> list[Floats]:
 
 
 def _edges(fill: Fill) -> list[Floats]:
-    """Border of an area: the edges that belong to one triangle only."""
+    """Return the border of a filled area as edges (2, 3): those that belong to one triangle only."""
     corners = np.round(fill.corners, 6).reshape(-1, 3, 3)
     edges: dict[tuple[tuple[float, ...], ...], int] = {}
     for triangle in corners.tolist():

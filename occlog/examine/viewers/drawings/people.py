@@ -45,7 +45,18 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 @dataclass(frozen=True, eq=False)
 class PersonEstimate:
-    """Estimate of a target at one time, for drawing: position, covariance, floor, and size of the person [m]."""
+    """Estimate of a target at one time, for drawing; lengths in metres.
+
+    Attributes:
+        t_ns: time [ns].
+        target: identity.
+        xy: (2,) position on the floor.
+        covariance: (2, 2) covariance of the position; NaN: unknown.
+        floor: height (z) of the feet.
+        height, width: size of the body.
+        seen_by: names of the sensors that detect the person; None: unknown.
+        quality_flags: reasons why the estimate is unreliable; empty: none.
+    """
 
     t_ns: int
     target: int
@@ -69,7 +80,7 @@ class PersonEstimate:
 
     @cached_property
     def body(self) -> Floats:
-        """Points (2 n, 3) on circles around the feet and the head [m]."""
+        """Points (2 n, 3) on n-gons around the feet and around the head [m]."""
         ring = around(self.xy, np.full(2, 0.5 * self.width))
         return np.vstack([at_height(ring, self.floor), at_height(ring, self.floor + self.height)])
 
@@ -94,7 +105,7 @@ class Palette:
 
 
 class DiagnosticsDrawing:
-    """Latest filter diagnostics of each target: sensors that detect it, quality flags."""
+    """Latest filter diagnostics of each target: quality flags, and detecting sensors (None: unknown)."""
 
     def __init__(self) -> None:
         """Create a store without diagnostics."""
@@ -111,12 +122,12 @@ class DiagnosticsDrawing:
 
 
 def people_of(rows: Tracks, metres: float, diagnostics: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
-    """Estimates of the targets in rows of one time.
+    """Return the estimates of the targets in rows of one time, for drawing.
 
     Args:
-        rows: of tracks, one a target.
-        metres: length of the unit of the rows.
-        diagnostics: of the filter for its targets, where the rows do not state; None: nothing.
+        rows: tracks, one row for each target.
+        metres: metres per length unit of the rows.
+        diagnostics: used where the rows state no flags or detecting sensors; None: unknown.
     """
     diagnostics = DiagnosticsDrawing() if diagnostics is None else diagnostics
     wide = rows if isinstance(rows, PeopleTracks) else None
@@ -177,17 +188,17 @@ class PeopleDrawing:
         return [self._people[target] for target in sorted(self._people)]
 
     def find(self, target: int) -> PersonEstimate | None:
-        """Latest estimate of a target; None if unknown."""
+        """Return the latest estimate of a target; None if unknown."""
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:
-        """Return the trail (k, 2) of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
+        """Return the trail (k, 2) of a target [m], earliest point first; at most `TRAIL_POINTS`, evenly selected."""
         points = np.array([xy for _, xy in self._trails[target]])
         keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
         return np.asarray(points[keep])
 
     def in_space(self, t_ns: int) -> list[DrawingGroup]:
-        """Return the 3-D shapes of all people at a time."""
+        """Return the 3-D shapes [m] of all people at the time `t_ns` [ns]."""
         return [self._in_space(person) for person in self.at(t_ns)]
 
     def _in_space(self, person: PersonEstimate) -> DrawingGroup:
@@ -204,10 +215,10 @@ class PeopleDrawing:
         return DrawingGroup(f"target {person.target}", lines, [body], texts=[name])
 
     def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[DrawingGroup]:
-        """Return shapes over a camera's image at the time `t_ns` [ns].
+        """Return shapes over a camera's image: outline and floor ellipse of each target [px].
 
-        Outline and floor ellipse of each target, dashed if the camera does not detect it. `metres`: metres per length
-        unit.
+        They are dashed if the camera does not detect the target. `metres`: metres per length unit of the camera's
+        scene; `t_ns`: time [ns].
         """
         things = []
         for person in self.at(t_ns):
@@ -226,12 +237,12 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Return the number of a person's track, with a question mark if the identity is ambiguous."""
+    """Return the number of a person's track as text, with a question mark if it has a quality flag."""
     return f"{person.target}?" if person.quality_flags else str(person.target)
 
 
 def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
-    """Return shapes of true positions: white columns, and grey ones for occluders.
+    """Return shapes of true positions [m]: a ring and a post, white for targets, grey for occluders.
 
     Args:
         rows: true positions of one time.
@@ -252,7 +263,8 @@ def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
 def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
     """Return left, top, right and bottom (4,) [px] of a person in a camera's image.
 
-    None if not entirely in front of the camera, or outside the image. `metres`: metres per length unit.
+    None if not entirely in front of the camera, or outside the image. `metres`: metres per length unit of the camera's
+    scene.
     """
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
@@ -267,7 +279,7 @@ def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """Return the projected 95 % ellipse (k, 2) of the position on the floor [px]; None if not visible.
+    """Return the projected 95 % ellipse (k, 2) of a person's position on the floor [px]; None if not visible.
 
     `metres`: metres per length unit of the camera's scene.
     """
@@ -284,7 +296,9 @@ def corners(box: Floats) -> Floats:
 
 
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
-    """Return shapes of the ellipses of image trackers; dashed if interactions are unresolved, or if occluded.
+    """Return shapes of tracks in an image, as ellipses [px].
+
+    They are dashed if only neighbours act on them, or if they are predictions without a detection.
 
     Args:
         rows: ellipses in one image.
@@ -305,7 +319,7 @@ def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
 
 
 def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
-    """Return shapes of boxes of a detector (grey), or of true boxes (white, dashed if the target is occluded)."""
+    """Return shapes [px] of a detector's boxes (grey), or of true boxes (white, dashed if the target is occluded)."""
     true = isinstance(rows, TruthBoxes)
     if isinstance(rows, Boxes):  # a frame without boxes has a row without one
         rows = rows.take(rows.box >= 0)

@@ -32,7 +32,14 @@ SIGMAS_95 = float(np.sqrt(5.991))
 
 @dataclass(frozen=True)
 class Polyline:
-    """Polyline through points (k, 3) in the world or (k, 2) in an image; `dashed`: every other section is drawn."""
+    """Polyline of a drawing.
+
+    Attributes:
+        points: (k, 3) in the world [m] or (k, 2) in an image [px].
+        colour: red, green, blue and opacity.
+        width: width of the line.
+        dashed: every other section is drawn.
+    """
 
     points: Floats
     colour: Rgba
@@ -42,7 +49,14 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Upright cylinder with the middle of its base at `foot` (3,), all lengths in metres."""
+    """Upright cylinder; all lengths in metres.
+
+    Attributes:
+        foot: (3,) centre of its base.
+        width: diameter.
+        height: height above the base.
+        colour: red, green, blue and opacity.
+    """
 
     foot: Floats  # (3,) middle of its lower end
     width: float
@@ -60,7 +74,14 @@ class Fill:
 
 @dataclass(frozen=True)
 class Text:
-    """Text at a point (3,) of the world or (2,) of an image; `size` is its height."""
+    """Text of a drawing.
+
+    Attributes:
+        at: (3,) point in the world [m] or (2,) in an image [px].
+        words: the text.
+        size: height of the letters.
+        colour: red, green, blue and opacity.
+    """
 
     at: Floats
     words: str
@@ -78,7 +99,16 @@ class Dots:
 
 @dataclass(frozen=True)
 class DrawingGroup:
-    """Named group of shapes, such as all of one person."""
+    """Group of shapes with a common name, for example all shapes of one person.
+
+    Attributes:
+        name: name of the group.
+        lines: polylines.
+        columns: upright cylinders.
+        fills: filled areas.
+        texts: texts.
+        dots: points.
+    """
 
     name: str
     lines: Sequence[Polyline] = field(default=())
@@ -94,17 +124,17 @@ def faded(colour: Rgba, opacity: float) -> Rgba:
 
 
 def smaller(thing: DrawingGroup, shrunk: float) -> DrawingGroup:
-    """Return a shape over an image for the image reduced by the factor `shrunk` (pixel centres at integers in both)."""
+    """Return a shape for an image reduced by the factor `shrunk` (at most 1); pixel centres are at integers in both."""
     lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
     texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
     return replace(thing, lines=lines, texts=texts)
 
 
 def rim(middle: Floats, covariance: Floats) -> Floats:
-    """(RIM + 1, 2) points of the 95 % ellipse of a Gaussian, closed.
+    """Return the points (RIM + 1, 2) of the closed 95 % ellipse of a Gaussian in the plane.
 
     Args:
-        middle: (2,).
+        middle: (2,) mean.
         covariance: (2, 2), positive semi-definite.
     """
     values, axes = np.linalg.eigh(covariance)
@@ -112,7 +142,7 @@ def rim(middle: Floats, covariance: Floats) -> Floats:
 
 
 def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
-    """Return points (RIM + 1, 2) of an ellipse about `middle` (2,) with half axes `half` (2,).
+    """Return the points (RIM + 1, 2) of a closed ellipse about `middle` (2,) with half axes `half` (2,).
 
     `axes`: (2, 2) directions of the half axes as columns; None: x and y.
     """
@@ -128,14 +158,14 @@ def at_height(points: Floats, z: float) -> Floats:
 
 
 def fan(polygon: Floats, z: float) -> Floats:
-    """Return triangles (3 (k - 2), 3) of a convex polygon (k, 2) at height z; viewers show both sides."""
+    """Return the triangles (3 (k - 2), 3), three corners each, that fill a convex polygon (k, 2) at height z."""
     n = len(polygon) - 2
     order = np.column_stack([np.zeros(n, dtype=np.int64), np.arange(1, n + 1), np.arange(2, n + 2)])
     return at_height(polygon[order.reshape(-1)], z)
 
 
 def triangles(polygon: Floats, z: float) -> Floats:
-    """Return triangles (3 k, 3) of a simple polygon (K, 2) at height z."""
+    """Return triangles (3 k, 3), three corners each, that fill a simple polygon (K, 2) at height z."""
     import shapely
 
     parts = shapely.constrained_delaunay_triangles(shapely.Polygon(polygon)).geoms
@@ -147,12 +177,12 @@ MIN_DASHES, MAX_DASHES = 6, 200
 
 
 class EqualLengthPolylines(NamedTuple):
-    """Polylines with the same number of points, as one array.
+    """m polylines with the same number of vertices k, as arrays.
 
     Attributes:
-        which: (m,) they are.
-        points: (m, k, d).
-        along: (m, k) how far each point is from the beginning of its way.
+        which: (m,) their indices among all polylines.
+        points: (m, k, d) vertices.
+        along: (m, k) distance of each vertex from the beginning of its polyline.
     """
 
     which: Ints
@@ -161,11 +191,11 @@ class EqualLengthPolylines(NamedTuple):
 
 
 def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
-    """(2 n, d) ends of dashes along each polyline, about `length` long, with equal gaps.
+    """Return, for each polyline, the ends (2 n, d) of n dashes along it, each about `length` long, with equal gaps.
 
     Args:
-        ways: points (k, d), k > 1, of one d.
-        length: > 0.
+        ways: polylines (k, d), k > 1, of equal d.
+        length: > 0; the number of dashes is limited.
     """
     if not ways:
         return []
@@ -179,15 +209,15 @@ def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
 
 
 def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]:
-    """Points along polylines, evenly spaced from the first to the last of each, and the number on each.
+    """Return points (N, d) along all polylines, evenly spaced on each, ends included, and their numbers.
 
     Args:
-        ways: points (k, d), k > 1, of one d; at least one way.
-        step: from one point to the next, at most, > 0.
-        most: points of one way; a longer one is downsampled.
+        ways: polylines (k, d), k > 1, of equal d; at least one.
+        step: largest distance of successive points, > 0.
+        most: largest number of points on a polyline; a longer one gets a larger step.
 
     Returns:
-        (N, d), way after way, and (len(ways),) from 2 to `most`.
+        Points, polyline after polyline, and the number on each (len(ways),), 2 to `most`.
     """
     groups = _similar(ways)
     totals = _totals(groups, len(ways))
@@ -217,7 +247,10 @@ def _totals(groups: Sequence[EqualLengthPolylines], count: int) -> Floats:
 
 
 def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) -> Floats:
-    """(N, d) points at distances `wanted` (N,) along all polylines; `counts` of them on each, in order."""
+    """Return the points (N, d) at the distances `wanted` (N,) from the beginnings of all polylines.
+
+    `counts`: number of points on each polyline, in order; they sum to N.
+    """
     if len(groups) == 1:
         return _between(groups[0], counts, wanted)
     out, begins = np.empty((len(wanted), groups[0].points.shape[2])), np.cumsum(counts) - counts
@@ -229,7 +262,7 @@ def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) ->
 
 
 def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Floats:
-    """Return points (n, d) along polylines, interpolated as by `np.interp`.
+    """Return points (n, d) along polylines, interpolated linearly between vertices.
 
     Args:
         group: m polylines with equal numbers of vertices.
@@ -253,12 +286,12 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """Return for n points the number (n,) of vertices at or before each, not counting the first vertex.
+    """Return for each of n points the number (n,) of vertices at or before it, not counting the first vertex.
 
     Args:
-        along: (m, k) distance of the k vertices of m polylines from their beginning.
+        along: (m, k) distances of the k vertices of m polylines from their beginning.
         counts: (m,) number of points on each; they sum to n.
-        wanted: (n,) distances of the points.
+        wanted: (n,) distances of the points from the beginning of their polyline.
     """
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)

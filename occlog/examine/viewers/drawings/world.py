@@ -50,7 +50,10 @@ MODELS = {"brown": ("plumb_bob", 5), "opencv": ("rational_polynomial", 8), "equi
 
 
 def world_of(scene: Scene | None) -> str:
-    """Return the name of the world frame, different from all sensor names (which name their frames)."""
+    """Return the name of the world's coordinate frame.
+
+    It differs from the names of sensors, which name their frames.
+    """
     names = () if scene is None else [sensor.name for sensor in scene.sensors]
     return WORLD if WORLD not in names else f"{WORLD}_"
 
@@ -61,12 +64,12 @@ def placed(scene: Scene) -> list[Camera | MicrophoneArray]:
 
 
 def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
-    """Return an encoded `foxglove.FrameTransforms` with the pose of each sensor.
+    """Return an encoded `foxglove.FrameTransforms` with the pose of each placed sensor in the world.
 
     Args:
         scene: the sensors.
         t_ns: time [ns].
-        metres: metres per length unit.
+        metres: metres per length unit of the scene.
     """
     message = FrameTransforms()
     for sensor in placed(scene):
@@ -80,9 +83,9 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
 
 
 def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
-    """A `foxglove.CameraCalibration` for images of `size` (width, height).
+    """Return an encoded `foxglove.CameraCalibration` for images of `size` (width, height) [px] at the time `t_ns` [ns].
 
-    Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are omitted, so that their
+    Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are left out, so that their
     projections are inaccurate towards the image edges.
     """
     fx, fy = camera.focal_px.tolist()
@@ -106,7 +109,7 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
 
 
 def smaller_camera(camera: Camera, shrunk: float) -> Camera:
-    """Return the camera for images reduced by the factor `shrunk`."""
+    """Return the camera for images reduced by the factor `shrunk` (at most 1), without an image size."""
     return replace(
         camera,
         focal_px=shrunk * camera.focal_px,
@@ -124,7 +127,10 @@ LIFTED = 0.01
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Return the shapes of the floor plan [m]: room, occluders, sensors; `metres`: metres per length unit."""
+    """Return the shapes of the floor plan [m]: room, static occluders, and sensors with a known pose.
+
+    `metres`: metres per length unit of the scene.
+    """
     things: list[DrawingGroup] = []
     if scene.room is not None:
         room = metres * scene.room
@@ -158,9 +164,9 @@ def _prism(occluder: Occluder, metres: float) -> DrawingGroup:
 
 
 def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Return the parts of the floor that static occluders hide, filled shapes for each camera [m].
+    """Return the parts of the floor [m] that static occluders hide, as filled shapes, one group for each camera.
 
-    `metres`: metres per length unit.
+    `metres`: metres per length unit of the scene.
     """
     things = []
     room = walls(scene, metres)
@@ -176,7 +182,7 @@ def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
 def walls(scene: Scene, metres: float) -> Polygon | None:
     """Return the boundary at which shadows end: the convex hull of the room [m]; None without a room.
 
-    `metres`: metres per length unit.
+    `metres`: metres per length unit of the scene.
     """
     import shapely
 
@@ -184,16 +190,17 @@ def walls(scene: Scene, metres: float) -> Polygon | None:
 
 
 def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) -> list[Floats | None]:
-    """(k, 2) convex part of the floor [m] that each upright prism hides from a camera, including its base.
+    """Return the part of the floor [m] that each upright prism hides from a camera, base included, as a convex polygon.
 
-    A prism as high as the camera hides everything behind it, up to the walls; a lower one up to where the floor is
-    visible over its top. None if nothing is hidden.
+    A prism at least as high as the camera hides everything behind it, up to the walls; a lower one up to where the
+    floor is visible over its top. One polygon (k, 2) for each of n pairs of camera and prism; None if nothing is
+    hidden.
 
     Args:
-        eyes: (n, 3).
-        bases: (n, K, 2) polygons, of which the convex hulls count.
+        eyes: (n, 3) positions of the cameras.
+        bases: (n, K, 2) base of each prism; its convex hull counts.
         heights: (n,) of the prisms, > 0.
-        room: what ends the shadows (see `walls`).
+        room: boundary of the shadows (see `walls`); None: none.
     """
     import shapely
 
@@ -226,33 +233,30 @@ AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
 
 class SightDrawing:
-    """Makes shapes of what the sensors of a scene observe: lines of sight, candidates, selected cameras."""
+    """Makes shapes of what the sensors of a scene observe: lines of sight, selected cameras, shadows of people."""
 
     def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: PeopleDrawing) -> None:
         """Create a drawing for the sensors of a scene.
 
         Args:
             scene: the scene.
-            metres: metres per length unit.
+            metres: metres per length unit of the scene.
             palette: colours of the targets.
-            crowd: current positions of the targets.
+            crowd: current positions of the targets, shared and updated elsewhere.
         """
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
         self._walls = walls(scene, metres)
 
     def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[DrawingGroup] | None:
-        """Lines of sight of one sensor at one time.
+        """Return the lines of sight of one sensor at one time; None if the sensor has no pose in the scene.
 
         They end at the target; a dashed grey line leads to a target that the sensor did not detect.
 
         Args:
             sensor: its name.
-            targets: identities; -1: not known.
-            azimuths: in the world [rad]; NaN: the sensor observed and did not see the target.
-
-        Returns:
-            None: the sensor is not in the scene, or its pose is not known.
+            targets: identity of each target; -1: unknown.
+            azimuths: bearing of each in the world [rad]; NaN: not detected.
         """
         known = self._sensors.get(sensor)
         if known is None:
@@ -267,7 +271,7 @@ class SightDrawing:
         return things
 
     def chosen(self, names: Iterable[str]) -> list[DrawingGroup]:
-        """Return marks at the cameras of these names; others are left out."""
+        """Return marks at the cameras with these names, as selected by the tracker; unknown names are left out."""
         things = []
         for name in names:
             if name in self._sensors:
@@ -276,7 +280,7 @@ class SightDrawing:
         return things
 
     def shadows(self, t_ns: int) -> list[DrawingGroup]:
-        """Return the parts of the floor that people hide from each camera at `t_ns` [ns], as shapes."""
+        """Return the parts of the floor [m] that people hide from each camera at the time `t_ns` [ns], as areas."""
         people = self._crowd.at(t_ns)
         cameras = [c for c in self._scene.cameras if c.placed]
         if not people or not cameras:
@@ -312,12 +316,12 @@ def _missed(eye: Floats, person: PersonEstimate | None) -> Polyline | None:
 
 
 def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[DrawingGroup]:
-    """Ellipses of the priors of moving occluders used by the tracker.
+    """Return the 95 % ellipses of the tracker's Gaussian priors of moving occluders, as shapes [m].
 
     Args:
-        middles: (n, 2).
+        middles: (n, 2) means.
         covariances: (n, 2, 2).
-        metres: length of their unit.
+        metres: metres per length unit of both.
     """
     things = []
     for k, (middle, covariance) in enumerate(zip(middles, covariances, strict=True)):

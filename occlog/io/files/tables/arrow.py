@@ -1,4 +1,4 @@
-"""Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own `to_numpy` imports).
+"""Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own conversions import).
 
 Also the Arrow schema of a table, with units.
 """
@@ -23,7 +23,7 @@ from occlog.records.tables import TABLES, WIDER
 
 
 def to_numpy(values: pa.Array) -> NDArray[np.generic]:
-    """(n,) read-only numbers or booleans of an array without nulls."""
+    """(n,) read-only NumPy array of a numeric or Boolean Arrow array without nulls."""
     if not pa.types.is_boolean(values.type):
         return np.from_dlpack(values)
     if not len(values):
@@ -34,17 +34,17 @@ def to_numpy(values: pa.Array) -> NDArray[np.generic]:
 
 
 def to_texts(values: pa.Array, where: str, longest: int | None = None) -> Strings:
-    """(n,) texts of an array of texts or numbers; "" for null.
+    """(n,) texts of an Arrow array of texts or numbers; "" for null.
 
     Each distinct text is created once, since a small file may refer to a large text in a million rows.
 
     Args:
         values: texts, numbers, or a dictionary of such.
-        where: the words that an error begins with.
+        where: file and column, with which an error begins.
         longest: characters that a text may have; None: as many as fit into an array of these rows.
 
     Raises:
-        InputError: a text is too long for this many rows, or a row refers to a missing one.
+        InputError: a text is too long, or an index of the dictionary is out of range.
     """
     coded = values if pa.types.is_dictionary(values.type) else values.dictionary_encode()
     texts = ["" if text is None else str(text) for text in coded.dictionary.to_pylist()]
@@ -52,7 +52,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
     if longest is not None and most > longest:
         raise InputError(f"{where}: a text of {most} characters; shorten it to {longest}", id="input-too-large")
     check_texts(texts, max(len(values), len(texts)), where)
-    which = to_numpy(coded.indices.fill_null(0))
+    which = to_numpy(coded.indices.fill_null(0) if coded.null_count else coded.indices)
     if len(which) and coded.null_count < len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
         raise InputError(f"{where}: the file is damaged: a row refers to a missing text", id="damaged-file")
     out = np.asarray(texts or [""], dtype=np.str_)[which]
@@ -78,7 +78,10 @@ _ARROW = {
 
 
 def arrow_field(c: Column, unit: str) -> pa.Field:
-    """Arrow field of a column, with unit, description and meaning of NaN as metadata."""
+    """Arrow field of a table column, with unit, description and meaning of NaN as metadata.
+
+    `unit` is that of the column with the scene's unit of length.
+    """
     kind = _ARROW[c.kind]
     if c.width:
         kind = pa.list_(kind) if c.width == ANY_WIDTH else pa.list_(kind, c.width)
@@ -89,7 +92,10 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
 
 
 def arrow_schema(table: type[ColumnTable], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
-    """Arrow schema of a table; `length_unit` replaces metres in the units of columns."""
+    """Arrow schema of a table, with its name, version, key, length unit and provenance as metadata.
+
+    `length_unit` replaces metres in the units of columns.
+    """
     fields = [arrow_field(c, in_length_unit(c.unit, length_unit)) for c in table.columns()]
     metadata = {
         SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
@@ -100,16 +106,18 @@ def arrow_schema(table: type[ColumnTable], provenance: Provenance, length_unit: 
 
 
 def statements(provenance: Provenance, length_unit: str) -> dict[str, str]:
-    """Footer entries for the length unit (omitted if empty) and provenance, with a check sum, which Parquet lacks."""
+    """Metadata entries for the length unit (omitted if empty), the provenance, and a check sum (CRC-32) of both."""
     entries = {UNIT_KEY: length_unit} if length_unit else {}
     entries[PROVENANCE_KEY] = provenance.json()
     return entries | {SUM_KEY: _sum(length_unit.encode(), entries[PROVENANCE_KEY].encode())}
 
 
 def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
-    """InputError if length unit and provenance do not match their check sum; files of older versions have none.
+    """InputError if length unit and provenance of a file do not match their check sum; older files have no check sum.
 
-    `entries` is the metadata of the file's schema.
+    Args:
+        path: the file, for the message.
+        entries: metadata of the file's schema.
     """
     if (stated := entries.get(SUM_KEY.encode())) is not None:
         unit, provenance = (entries.get(key.encode(), b"") for key in (UNIT_KEY, PROVENANCE_KEY))
@@ -126,27 +134,46 @@ def _sum(unit: bytes, provenance: bytes) -> str:
 
 
 def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
-    """Convert a record of a table to an Arrow table."""
+    """Convert a table to an Arrow table with the given schema, which must have the columns of the table in order.
+
+    Texts become dictionaries, vectors lists.
+    """
     arrays = []
     for c, f in zip(table.columns(), schema, strict=True):
         values = getattr(table, c.name)
-        if c.width:
-            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
-            if c.width == ANY_WIDTH:
-                starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
-                arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
-            else:
-                arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+        if c.width == ANY_WIDTH:
+            starts = numbers(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1])
+            arrays.append(pa.ListArray.from_arrays(starts, numbers(values.reshape(-1)), type=f.type))
+        elif c.width:
+            arrays.append(pa.FixedSizeListArray.from_arrays(numbers(values.reshape(-1)), c.width))
         elif c.kind == "U":
             names, codes = np.unique(values, return_inverse=True)
-            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
+            arrays.append(pa.DictionaryArray.from_arrays(numbers(codes.astype(np.int32)), texts(names)))
         else:
-            arrays.append(pa.array(values, type=f.type, from_pandas=False))
+            arrays.append(numbers(values))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
+def numbers(values: NDArray[np.generic]) -> pa.Array:
+    """Arrow array of numbers or booleans (n,), without nulls."""
+    # Truth values are bits, the first one the lowest of its byte
+    logical = values.dtype == np.bool_
+    data = np.packbits(values.astype(np.bool_), bitorder="little") if logical else np.ascontiguousarray(values)
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(data)])
+
+
+def texts(values: Strings) -> pa.Array:
+    """Arrow array of texts (n,), without nulls."""
+    encoded = [text.encode() for text in values.tolist()]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+
+
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
-    """Convert an Arrow batch with checked columns to a record; optional columns may be missing."""
+    """Convert an Arrow batch, with columns as in `check_schema`, to a table of the class `table`; copies the values.
+
+    Optional columns may be missing. InputError for null values.
+    """
     columns = [c for c in table.columns() if c.name in batch.schema.names]
     return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in columns})
 
@@ -169,9 +196,14 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
 
 
 def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
-    """(n, K) numbers of a list column with n rows, each with K numbers or empty (NaN); InputError for other lists.
+    """(n, K) numbers of a list column with n rows, each of K numbers or empty; NaN in empty rows.
 
-    `c` is the column, `values` are its lists.
+    Args:
+        c: declaration of the column.
+        values: Arrow list array.
+
+    Raises:
+        InputError: lists have different lengths or nulls, or most rows of a large column are empty.
     """
     lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
@@ -193,7 +225,10 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
 
 
 def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> None:
-    """InputError unless a schema is that of a table in its current version; optional columns may be missing."""
+    """InputError unless a file's schema is that of `table`, in its current or an older version.
+
+    Names and types of columns are compared; optional columns may be missing, and columns of other programs are ignored.
+    """
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
     if name != table.NAME:

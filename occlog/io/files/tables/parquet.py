@@ -36,15 +36,15 @@ BYTES_PER_NUMBER = 8
 
 
 def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Split batches into parts of so few rows that each takes limited memory.
+    """Split record batches into parts of so few rows that the vectors of a column take limited memory.
 
     Args:
-        path: the file that they are of.
+        path: the file that they are from.
         size: of the file [bytes].
-        batches: rows.
+        batches: record batches.
 
     Raises:
-        InputError: their vectors take more memory than those of a file of its size can.
+        InputError: the longest vectors, in all rows, take more memory than a file of its size may need.
     """
     total, most = 0, max_decompressed_bytes(size)
     for batch in batches:
@@ -63,7 +63,7 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
 
 
 def _width(column: pa.Array) -> int:
-    """Length of the longest list in a column; 0 if it has none."""
+    """Length of the longest list in a column; 0 for a column without lists."""
     kind = column.type
     if pa.types.is_fixed_size_list(kind):
         return int(kind.list_size)
@@ -74,7 +74,7 @@ def _width(column: pa.Array) -> int:
 
 @contextmanager
 def translate_read_errors(path: Path) -> Iterator[None]:
-    """Context manager that converts every failure of the Parquet library to one InputError."""
+    """Context manager that converts exceptions of the Parquet library to InputError that names the file `path`."""
     try:
         yield
     except InputError as error:
@@ -88,7 +88,7 @@ def translate_read_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def opened_table(path: Path) -> Iterator[SizedFile]:
-    """Context manager: an opened Parquet file; each failure to read it within the block is an InputError."""
+    """Context manager: opened Parquet file; failures to read it within the block become InputError."""
     check_input(path, "a Parquet file")
     with translate_read_errors(path), open_parquet(path) as file:
         yield file
@@ -96,11 +96,11 @@ def opened_table(path: Path) -> Iterator[SizedFile]:
 
 @contextmanager
 def open_parquet(path: Path) -> Iterator[SizedFile]:
-    """Open a Parquet file, with page check sums verified on reading.
+    """Context manager: opened Parquet file, with check sums of pages verified on reading.
 
     Raises:
-        InputError: the check sum of what its footer states is wrong, or the footer states more than a file of its size
-            can hold, so that reading it would fill the memory.
+        InputError: the check sum of its metadata is wrong, or its footer declares more than a file of its size can
+            hold, so that reading it would fill the memory.
         pyarrow.ArrowException, OSError: it is damaged.
     """
     with path.open("rb") as file:
@@ -118,7 +118,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
 
 
 def statements_of(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """Metadata of a table: entries of its schema, replaced by those added after the last row."""
+    """Metadata of a table file: entries of its schema, replaced by those added to the footer after the last row."""
     return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
@@ -127,19 +127,22 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def is_ours(path: Path) -> bool:
-    """Whether occlog wrote a Parquet file; InputError for a damaged one."""
+    """Whether a Parquet file has the schema metadata of occlog; InputError for a damaged file."""
     with opened_table(path) as file:
         return SCHEMA_KEY.encode() in (file.schema_arrow.metadata or {})
 
 
 def schema_name(path: Path) -> str:
-    """Name of the table in a Parquet file, e.g. `bearings`; InputError for files that occlog did not write."""
+    """Name of the occlog table in a Parquet file, e.g. `bearings`; InputError for files that occlog did not write."""
     with opened_table(path) as file:
         return schema_name_of(path, file.schema_arrow)
 
 
 def schema_name_of(path: Path, schema: pa.Schema) -> str:
-    """Name of the table with this Arrow schema; InputError if occlog did not write it."""
+    """Name of the table in the metadata of an Arrow schema.
+
+    InputError, with the file `path`, if occlog did not write it.
+    """
     raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
     if raw is None:
         raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table", id="unknown-format")
@@ -147,7 +150,12 @@ def schema_name_of(path: Path, schema: pa.Schema) -> str:
 
 
 def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterator[T]:
-    """Generate the chunks of a table in file order, at most `rows` rows each."""
+    """Yield the chunks of a table in a Parquet file, in file order, of at most `rows` rows each.
+
+    Raises:
+        InputError: the file is damaged, holds another table, declares more than a file of its size can hold, is not
+            sorted by time, or has duplicate rows.
+    """
     with opened_table(path) as file:
         check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
@@ -179,9 +187,14 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call.
+    """InputError for duplicate rows of one time that is split over chunks.
 
-    `held` are those that the call for the chunk before returned; None: there was none.
+    Args:
+        held: result of the call for the previous chunk; None: there was none.
+        chunk: the next chunk.
+
+    Returns:
+        Rows of the last time, for the next call; at most `ROWS_PER_GROUP`.
     """
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
@@ -194,10 +207,15 @@ def _check_beside(held: T | None, chunk: T) -> T:
 
 
 def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-    """Rows of some columns (None: all) in file order, at most `rows` at a time; memory does not grow with the file.
+    """Yield record batches of a Parquet file in file order, of at most `rows` rows; memory does not grow with the file.
 
-    Each call of the library reads a few row groups with `rows` rows together, since it keeps what it has read until the
-    call ends.
+    Each call of the library reads the few row groups that have `rows` rows together, since it keeps what it has read
+    until the call ends.
+
+    Args:
+        file: opened file.
+        rows: rows of a batch at most.
+        columns: names; None: all.
     """
     groups: list[int] = []
     together = 0
@@ -211,10 +229,13 @@ def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = Non
 
 @dataclass(frozen=True)
 class RowGroup:
-    """A row group of a table, readable even if others are damaged.
+    """A row group of a table in a Parquet file, readable even if others are damaged.
 
     Attributes:
-        table: the table.
+        path: the file.
+        file: the opened file.
+        table: type of the table.
+        number: index of the group in the file.
         first: number of its first row in the file.
         rows: number of its rows.
     """
@@ -227,7 +248,7 @@ class RowGroup:
     rows: int
 
     def batches(self) -> Iterator[pa.RecordBatch]:
-        """Generate the rows of the group in batches; InputError if damaged."""
+        """Yield the rows of the group in record batches with the columns of the table; InputError if damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
             found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
@@ -235,7 +256,10 @@ class RowGroup:
 
 
 def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[RowGroup]:
-    """Row groups of a table; InputError unless it is one of `tables` and has its columns."""
+    """Yield the row groups of a table in a Parquet file, which stays open until the end.
+
+    `tables` are the known tables by name. InputError if the file holds none of them, or lacks columns.
+    """
     with opened_table(path) as file:
         name, first = schema_name_of(path, file.schema_arrow), 0
         if name not in tables:
@@ -250,24 +274,24 @@ def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[R
 
 
 def read_table(path: Path, table: type[T]) -> T:
-    """Read a whole Parquet table into memory; errors as of `iter_table`."""
+    """Read a whole table from a Parquet file into memory; InputError if it is damaged, unsorted, or another table."""
     return table.concat(iter_table(path, table))
 
 
 def arrow_schema_of(path: Path) -> pa.Schema:
-    """Arrow schema of a Parquet file as written."""
+    """Arrow schema of a Parquet file as written, with its metadata."""
     with opened_table(path) as file:
         return file.schema_arrow
 
 
 def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordBatch]:
-    """Generate a Parquet file as Arrow batches of at most `rows` rows; only check sums are verified."""
+    """Yield a Parquet file as record batches of at most `rows` rows; only sizes and check sums are verified."""
     with opened_table(path) as file:
         yield from batches(file, rows)
 
 
 class TableHeader(NamedTuple):
-    """Header of a table: name, length unit, provenance."""
+    """Header of a table file: name of the table, unit of its lengths, and provenance."""
 
     table: str
     length_unit: str
@@ -275,14 +299,14 @@ class TableHeader(NamedTuple):
 
 
 def read_header(path: Path) -> TableHeader:
-    """Read the header of a table; InputError if occlog did not write the file."""
+    """Name, length unit and provenance of a table file; InputError if occlog did not write it."""
     with opened_table(path) as file:
         entries, name = statements_of(file), schema_name_of(path, file.schema_arrow)
         return TableHeader(name, _unit(entries), _provenance(entries, path))
 
 
 def read_provenance(path: Path) -> Provenance:
-    """Read the provenance of the file."""
+    """Provenance of a Parquet file; that of external files (`UNKNOWN`) if it has none."""
     with opened_table(path) as file:
         return _provenance(statements_of(file), path)
 
@@ -296,7 +320,7 @@ def _unit(entries: Mapping[bytes, bytes]) -> str:
 
 
 class TableDescription(TypedDict):
-    """What a Parquet file states about its table."""
+    """Description of a table file, as JSON-compatible values."""
 
     schema: str  # name of the table
     version: int  # of the schema; 0: not stated
@@ -308,7 +332,7 @@ class TableDescription(TypedDict):
 
 
 def describe(path: Path) -> TableDescription:
-    """Describe a Parquet file: schema, rows, columns with units, time span, provenance."""
+    """Describe a table file: name, version, rows, columns with units, time span, provenance; rows are not read."""
     with opened_table(path) as file:
         schema, name = file.schema_arrow, schema_name_of(path, file.schema_arrow)
         columns = [
@@ -334,7 +358,7 @@ def describe(path: Path) -> TableDescription:
 
 
 def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
-    """First rows of a Parquet file, as Python values of each column that is not a list."""
+    """First `rows` rows of a Parquet file, as Python values by column; columns of lists are left out."""
     with opened_table(path) as file:
         names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
         batch = next(batches(file, rows, names), None)
@@ -342,7 +366,7 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: SizedFile) -> list[int] | None:
-    """First and last time [ns] of a file sorted by time; None if missing, or for an external time column."""
+    """First and last value of the first column, if it has int64 times [ns]; None otherwise or without rows."""
     if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]

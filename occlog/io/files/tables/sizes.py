@@ -61,8 +61,8 @@ class CompactReader:
 
     Attributes:
         data: the bytes.
-        at: the next byte.
-        left: bytes that may still be decoded, without those of texts; MalformedError for more.
+        at: index of the next byte.
+        left: bytes that may still be decoded, not counting those of texts; MalformedError for more.
     """
 
     def __init__(self, data: bytes, left: int) -> None:
@@ -70,9 +70,9 @@ class CompactReader:
         self.data, self.at, self.left = data, 0, left
 
     def fields(self) -> Iterator[tuple[int, int]]:
-        """Id and type of each field of a struct; the caller reads or skips each value before the next.
+        """Yield number and type of each field of a struct; the caller reads or skips each value before the next.
 
-        MalformedError for ids that do not ascend: the meaning of a repeated field is undefined.
+        MalformedError for numbers that do not ascend, since the meaning of a repeated field is undefined.
         """
         number = 0
         while (head := self._byte()) != 0:
@@ -83,13 +83,16 @@ class CompactReader:
             yield number, head & 15
 
     def integer(self, kind: int, expected: int = I64) -> int:
-        """Read an integer in a field of type `kind`; MalformedError where another type is `expected`."""
+        """Read an integer; MalformedError if the type of its field, `kind`, is not the one `expected`."""
         if kind != expected:
             raise MalformedError("a field of another type where a number is expected")
         return self._zigzag()
 
     def items(self, kind: int, of: int) -> range:
-        """Indices of a list's items; the caller reads or skips each; MalformedError for other types."""
+        """Read the head of a list, and return the indices of its items, each of which the caller reads or skips next.
+
+        MalformedError if the type `kind` of the field is not a list, or its items are not of the type `of`.
+        """
         if kind != LIST:
             raise MalformedError("a field of another type where a list is expected")
         found, count = self._list_head()
@@ -98,12 +101,18 @@ class CompactReader:
         return range(count)
 
     def text(self) -> str:
-        """A text; bytes that are not UTF-8 are replaced."""
+        """Read a text; bytes that are not UTF-8 are replaced."""
         self._pass(size := self._varint())
         return self.data[self.at - size : self.at].decode(errors="replace")
 
     def skip(self, kind: int, depth: int = 0, *, in_list: bool = False) -> None:
-        """Skip a value of type `kind`, at a depth of nesting; in lists booleans take a byte."""
+        """Skip a value of the type `kind`; MalformedError for an unknown type, or more than `MAX_DEPTH` nested values.
+
+        Args:
+            kind: type of the value.
+            depth: how deeply the value is nested.
+            in_list: it is an item of a list, in which a Boolean takes a byte; that of a field is part of its type.
+        """
         if depth > MAX_DEPTH:
             raise MalformedError("values nested too deeply")
         if kind in (I16, I32, I64):
@@ -162,7 +171,7 @@ class CompactReader:
 
 
 class Chunk(NamedTuple):
-    """A column chunk: its top column, and its bytes from `begin` up to, not including, `end`."""
+    """A column chunk of a row group: name of its top-level column, and its byte range begin <= n < end in the file."""
 
     column: str
     begin: int
@@ -170,7 +179,7 @@ class Chunk(NamedTuple):
 
 
 class RowGroupSizes(NamedTuple):
-    """A row group: number of rows, bytes that it unpacks to, column chunks."""
+    """Declared sizes of a row group: number of rows, decompressed size [bytes], and column chunks."""
 
     rows: int
     unpacked: int
@@ -178,11 +187,10 @@ class RowGroupSizes(NamedTuple):
 
 
 def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
-    """Parse the row groups in the footer of a Parquet file of `size` bytes.
+    """Sizes of the row groups as declared in the footer of a Parquet file of `size` bytes.
 
     Raises:
-        MalformedError: the footer does not state them, states more than a file of its size can hold, or row groups
-            share bytes.
+        MalformedError: the footer is invalid, or declares more than a file of its size can hold.
         InputError: the file is encrypted, or in another format.
     """
     length, magic = END.unpack(os.pread(file.fileno(), END.size, max(size - END.size, 0)).rjust(END.size, b"\0"))
@@ -198,9 +206,9 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
 
 
 def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
-    """Parse the row groups of the footer of a file of `size` bytes; None if the file is encrypted.
+    """Sizes of the row groups as declared in the footer of a file of `size` bytes; None if the file is encrypted.
 
-    MalformedError if it is invalid, or has too many columns.
+    MalformedError if the footer is invalid, or has too many columns.
     """
     reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
@@ -273,7 +281,7 @@ def _chunk(reader: CompactReader) -> Chunk:
 
 
 class Page(NamedTuple):
-    """Page header: decompressed and compressed data size [bytes], number of values, and header length [bytes]."""
+    """Page header: decompressed and compressed size of the data, number of values, and header length [bytes]."""
 
     unpacked: int
     packed: int
@@ -282,7 +290,7 @@ class Page(NamedTuple):
 
 
 def read_page(data: bytes) -> Page:
-    """Parse the page header at the first byte of `data`; MalformedError if invalid."""
+    """Parse the page header that begins at the first byte of `data`; MalformedError if it is invalid or cut off."""
     reader, found, values = CompactReader(data, len(data)), dict[int, int](), 0
     for number, kind in reader.fields():
         if number in (PAGE_UNPACKED, PAGE_PACKED):
@@ -302,12 +310,23 @@ def read_page(data: bytes) -> Page:
 
 
 class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no types
-    """A Parquet file that decompresses a row group only after its page headers have been checked."""
+    """A `pyarrow.parquet.ParquetFile` that decompresses a row group only after its page headers have been checked.
+
+    InputError if they declare more than a file of its size can hold; ArrowInvalid if fewer rows are read than declared.
+    """
 
     def __init__(
         self, path: Path, file: IO[bytes], size: int, groups: Sequence[RowGroupSizes], **options: object
     ) -> None:
-        """Open `file` of `size` bytes, which has these row groups; `options` are those of the library."""
+        """Open a Parquet file.
+
+        Args:
+            path: the file, for messages.
+            file: the open file.
+            size: of the file [bytes].
+            groups: sizes of its row groups (`read_groups`).
+            **options: of `pyarrow.parquet.ParquetFile`.
+        """
         super().__init__(file, **options)
         self._path, self._file, self._size, self._groups = path, file, size, groups
         self._checked: set[tuple[Columns, int]] = set()
@@ -333,18 +352,20 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         return table
 
     def _check_rows(self, rows: int, numbers: Collection[int]) -> None:
-        """ArrowInvalid unless the row groups `numbers` have returned all their rows.
+        """ArrowInvalid unless `rows`, the number of rows that were read, is that of the row groups `numbers`.
 
-        On some damage the library ends early, silently; `rows` is the number that it returned.
+        On some damage the library ends early, silently.
         """
         stated = sum(self._groups[number].rows for number in numbers)
         if rows != stated:
             raise pa.ArrowInvalid(f"{stated} rows are stated, and {rows} can be read")
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
-        """InputError if row groups so far decompress to more than a file of this size can hold.
+        """InputError if the row groups read so far and this one decompress to more than a file of this size can hold.
 
-        `number` is that of the row group which is read next, `columns` those that are read; None: all.
+        Args:
+            number: index of the row group that is read next.
+            columns: names of the columns that are read; None: all.
         """
         wanted = None if columns is None else frozenset(columns)
         if (wanted, number) in self._checked:
@@ -369,7 +390,7 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         self._unpacked[wanted] += unpacked
 
     def _page(self, at: int, end: int) -> Page:
-        """Page header at byte `at` of a column chunk that ends at `end`."""
+        """Page header at byte `at` of a column chunk that ends before byte `end`; MalformedError if invalid."""
         for window in HEAD_WINDOWS:
             try:
                 return read_page(os.pread(self._file.fileno(), window, at))

@@ -27,7 +27,10 @@ WRITTEN: dict[str, Any] = {
 
 
 class TableWriter:
-    """Writes a table chunk by chunk; the file appears when the block ends without an error."""
+    """Context manager that writes a table as Parquet chunk by chunk.
+
+    The file appears if the block ends without an error.
+    """
 
     def __init__(
         self,
@@ -39,17 +42,18 @@ class TableWriter:
         length_unit: str = "m",
         together: OutputGroup | None = None,
     ) -> None:
-        """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
-
-        UsageError for a name that promises another format.
+        """Prepare to write; nothing is opened before the block begins.
 
         Args:
-            path: of the file.
+            path: the file.
             table: type of the table.
             provenance: stored with it.
             overwrite: replace an existing file.
             length_unit: of its lengths.
-            together: group at the end of which the file appears; None: at the end of the context.
+            together: group at the end of which the file appears; None: at the end of the block.
+
+        Raises:
+            UsageError: the name promises another format.
         """
         check_output_name(path, TABLE)
         self.rows = 0
@@ -61,7 +65,7 @@ class TableWriter:
         self._writer: pq.ParquetWriter | None = None
 
     def __enter__(self) -> Self:
-        """Open the output."""
+        """Open the output; OutputExistsError if it exists and may not be replaced."""
         file = self._output.__enter__()
         try:
             self._writer = pq.ParquetWriter(
@@ -73,7 +77,10 @@ class TableWriter:
         return self
 
     def write(self, table: ColumnTable) -> None:
-        """Append rows; they are written in row groups, so that many small chunks do not enlarge the file."""
+        """Append rows, in the order of time.
+
+        They are collected into row groups, so that many small chunks cost no space.
+        """
         self.rows += len(table)
         self._pending.append(table)
         self._pending_rows += len(table)
@@ -88,7 +95,7 @@ class TableWriter:
         self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one known only after the last row (with losses, for example)."""
+        """Replace the stored provenance, when it is complete only after the last row (for example with losses)."""
         if self._writer is not None:
             self._writer.add_key_value_metadata(statements(provenance, self._length_unit))
 
@@ -107,9 +114,9 @@ class TableWriter:
         return self._output.__exit__(kind, error, trace)
 
     def _close(self, abandon: bool) -> None:
-        """Close the library's writer, so that an abandoned one is not finalised by garbage collection.
+        """Close the library's writer, so that garbage collection does not finalise an abandoned one.
 
-        `abandon`: errors are ignored, since the file is deleted.
+        `abandon`: the file is to be deleted, and errors are ignored.
         """
         if self._writer is None:
             return
@@ -124,6 +131,14 @@ class TableWriter:
 def write_table(
     path: Path, table: ColumnTable, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
 ) -> None:
-    """Write a whole table, sorted by its key; OutputExistsError if the file exists and `overwrite` is False."""
+    """Write a whole table, sorted by its key, to a Parquet file.
+
+    Args:
+        path: the file.
+        table: its rows, in any order.
+        provenance: stored with it.
+        overwrite: replace an existing file; else OutputExistsError.
+        length_unit: of its lengths.
+    """
     with TableWriter(path, type(table), provenance, overwrite=overwrite, length_unit=length_unit) as writer:
         writer.write(table.sorted())

@@ -35,19 +35,19 @@ UNIT = "m"
 
 
 class NamedReader:
-    """The reader that the user names, and whether it was used for a file."""
+    """The reader plug-in that the user names, and whether it was used for a file (`used`)."""
 
     def __init__(self, chosen: Chosen) -> None:
-        """Wrap the reader that the user names, which was not used so far."""
+        """Wrap a plug-in with its settings; it counts as not used."""
         self.chosen, self.used = chosen, False
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """Suffixes of the files that the reader reads."""
+        """Suffixes of the file names that the plug-in declares to read."""
         return tuple(self.chosen.plugin.load().endings)
 
     def check_used(self) -> None:
-        """UsageError if the reader was used for no file."""
+        """UsageError if no file was read by the plug-in."""
         if not self.used:
             raise UsageError(
                 f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
@@ -61,9 +61,9 @@ _NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None
 
 @contextmanager
 def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
-    """Context manager that reads files with the suffixes of a reader plug-in, and standard input, by this reader.
+    """Context manager in which a reader plug-in reads standard input and the files with its suffixes; others as usual.
 
-    Yields the `NamedReader`, which records whether it was used. Other files are read as usual.
+    Yields the `NamedReader`, which records whether it was used.
     """
     named = NamedReader(chosen)
     token = _NAMED.set(named)
@@ -74,10 +74,12 @@ def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
 
 
 def reader_of(path: Path) -> Chosen | None:
-    """Reader plug-in of a file; None if there is none.
+    """Reader plug-in for a file with its settings: the one that the user names, else one by suffix.
+
+    None if there is none. No plug-in is searched for files that occlog reads itself. A named plug-in is marked as used.
 
     Raises:
-        UsageError: several readers know such files.
+        UsageError: several plug-ins read such files.
     """
     named, low = _NAMED.get(), path.name.lower()
     if named is not None and (low == STANDARD_INPUT or low.endswith(named.endings)):
@@ -102,19 +104,19 @@ def reader_of(path: Path) -> Chosen | None:
 
 
 def table_of(path: Path) -> str:
-    """Name of the table that a reader's file holds; empty if no reader reads it."""
+    """Name of the table that the plug-in for a file states it holds; empty if no plug-in reads the file."""
     chosen = reader_of(path)
     return "" if chosen is None else str(chosen.plugin.load().table)
 
 
 def text_of(path: Path, what: str) -> str | None:
-    """Convert a file to text with a header line, by a reader plug-in; None if no reader reads it.
+    """Text table (CSV with a header line) that a reader plug-in makes of a file; None if no plug-in reads it.
 
-    `what` describes what was expected.
+    The plug-in is recorded for the provenance of outputs. `what` describes the expected content, for messages.
 
     Raises:
-        InputError: the reader states that the file is damaged.
-        PluginError: the reader fails, or returns an invalid table.
+        InputError: the plug-in states that the file is damaged.
+        PluginError: the plug-in fails, or returns an invalid table.
     """
     chosen = reader_of(path)
     if chosen is None:
@@ -127,7 +129,7 @@ def text_of(path: Path, what: str) -> str | None:
 
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
-    """Text with a header line of the file `path`, by a reader plug-in; the four latest texts are cached.
+    """Text table (CSV with a header line) of a file, by a reader plug-in; the four latest texts are cached.
 
     Args:
         plugin: the reader.
@@ -141,9 +143,11 @@ def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, st
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
-    """Columns of a file, by name, that the reader plug-in `chosen` returns, all of one length.
+    """Columns (n,) by name that the reader plug-in `chosen` returns for a file.
 
-    Errors are those of `text_of`.
+    Raises:
+        InputError: the plug-in states that the file is damaged (ValueError, OSError).
+        PluginError: the plug-in fails, or returns invalid columns.
     """
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
@@ -160,7 +164,10 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def fault_of(columns: object) -> str | None:
-    """Description of what is wrong with the columns that a reader plug-in returns; None if they are valid."""
+    """Text on what is wrong with the columns that a reader plug-in returns; None if they are valid.
+
+    Valid is a mapping of names to one-dimensional sequences of numbers or texts, of equal length.
+    """
     if not isinstance(columns, Mapping):
         return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
     if not columns:
@@ -184,7 +191,7 @@ def fault_of(columns: object) -> str | None:
 
 
 def as_text(columns: Mapping[str, NDArray[np.generic]]) -> str:
-    """Format columns as a text table; numbers keep all digits."""
+    """Format columns of equal length as CSV with a header line; numbers keep all digits, missing values are empty."""
     file = io.StringIO()
     writer = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
     writer.writerow(list(columns))
@@ -194,7 +201,7 @@ def as_text(columns: Mapping[str, NDArray[np.generic]]) -> str:
 
 
 def _cell(value: object) -> object:
-    """Format a cell; empty for a missing value."""
+    """Value of a CSV cell: empty for None and NaN, `true` or `false` for Booleans, texts with single blanks."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, bool):

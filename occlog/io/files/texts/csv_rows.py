@@ -58,7 +58,7 @@ COARSEST = 0.01
 
 
 def last_place(text: str) -> float:
-    """Value of the last digit of a number if above 1 (number with an exponent); else 0."""
+    """Value of the last digit of a number as it is written, if above 1 (`1.2e9`: 1e8); else 0, also for other texts."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -76,7 +76,10 @@ def no_formula(text: str) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Remove the protection against spreadsheet formulas that `no_formula` added."""
+    """Remove the apostrophe that `no_formula` put before a text to protect it from spreadsheets.
+
+    Other texts unchanged.
+    """
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
@@ -86,7 +89,10 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 @contextmanager
 def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Context manager that reports malformed lines to `listener`, and continues reading."""
+    """Context manager in which malformed lines of text tables are passed to `listener` as errors and skipped.
+
+    Without it the first one is raised.
+    """
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -95,7 +101,7 @@ def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None
 
 
 def _refuse(error: InputError) -> None:
-    """Raise the error, or pass it to the callback of `report_bad_lines_to`."""
+    """Raise the error, or pass it to the listener of `report_bad_lines_to` and return."""
     listener = BAD_LINES.get()
     if listener is None:
         raise error
@@ -104,9 +110,14 @@ def _refuse(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class CsvRows:
-    """Rows of a text table: cells as text by column, and line number (or `location` of another kind) of each row.
+    """Some rows of a text table, with cells as text.
 
-    `files` has the file of each row where `path` is a folder; else it is empty.
+    Attributes:
+        path: the file or folder.
+        lines: (n,) line number of each row.
+        cells: (n,) texts by column.
+        location: what the numbers in `lines` count, for messages.
+        files: file of each row if `path` is a folder; else empty.
     """
 
     path: Path
@@ -119,7 +130,7 @@ class CsvRows:
         return len(self.lines)
 
     def pick(self, kept: Ints) -> CsvRows:
-        """Select rows by indices `kept`."""
+        """The rows with the given indices."""
         return replace(
             self,
             lines=self.lines[kept],
@@ -128,12 +139,15 @@ class CsvRows:
         )
 
     def fail(self, row: int, message: str) -> InputError:
-        """InputError with a message, the file and the line of a row."""
+        """InputError, to be raised, with the file, the line of the row with index `row`, and a message."""
         path = self.files[row] if self.files else self.path
         return InputError(f"{path}: {self.location} {int(self.lines[row])}: {message}")
 
     def floats(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) numbers; empty cells and `nan` are NaN if `blank` allows it, else InputError."""
+        """(n,) finite numbers of a column.
+
+        Empty cells and texts such as `nan` are NaN if `blank` is true, else an InputError.
+        """
         cells = self._plain(name)
         if blank:
             cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), MISSING), "nan", cells)
@@ -149,9 +163,12 @@ class CsvRows:
         return values
 
     def _no_number(self, name: str, row: int, wanted: str) -> InputError:
-        """Return the InputError for a cell that is not a number.
+        """InputError, to be raised, for a cell that is not a number, with the remedy for the usual causes.
 
-        It is that of column `name` and row `row`; `wanted` describes what was expected.
+        Args:
+            name: column.
+            row: index of the row.
+            wanted: what was expected, as `a number`.
         """
         cell = str(self.cells[name][row]).strip()
         if cell.lower() in MISSING:
@@ -161,16 +178,16 @@ class CsvRows:
         return self.fail(row, f"{name} is {cell!r}; {wanted} was expected; correct this {self.location}")
 
     def steps(self, name: str) -> Floats:
-        """(n,) value of the last digit of each number with a positive exponent; else 0."""
+        """(n,) value of the last digit of each number with an exponent in a column, if above 1; 0 for all others."""
         out, cells = np.zeros(len(self)), self.cells[name]
         for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
             out[row] = last_place(str(cells[row]))
         return out
 
     def lengths(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) lengths of the column `name`; InputError for one rounded to less than the precision `COARSEST`.
+        """(n,) lengths of a column; InputError for one that is written to less than the precision `COARSEST`.
 
-        `blank`: empty cells are NaN rather than an error.
+        Empty cells are NaN if `blank` is true, else an InputError.
         """
         values, steps = self.floats(name, blank=blank), self.steps(name)
         if (steps > COARSEST).any():
@@ -181,7 +198,10 @@ class CsvRows:
         return values
 
     def ints(self, name: str, blank: int | None = None) -> Ints:
-        """(n,) whole numbers; `3.0` is accepted, 3.5 is an InputError; `blank` replaces empty cells, if given."""
+        """(n,) whole numbers of a column; `3.0` is accepted, 3.5 is an InputError.
+
+        `blank` replaces empty cells; None: they are an InputError.
+        """
         cells = self._plain(name)
         try:
             return cells.astype(np.int64)
@@ -198,9 +218,9 @@ class CsvRows:
         return values.astype(np.int64)
 
     def identities(self, name: str, *, least: int = -(2**31), blank: int | None = None) -> Ints:
-        """(n,) identities of the column `name`, from `least` to 2**31 - 1; InputError for others.
+        """(n,) whole numbers of a column from `least` to 2**31 - 1; InputError for others.
 
-        `blank` is the value of empty cells; None: they are an error.
+        `blank` replaces empty cells; None: they are an InputError.
         """
         values = self.ints(name, blank)
         bad = (values < least) | (values >= 2**31)
@@ -210,7 +230,10 @@ class CsvRows:
         return values
 
     def _plain(self, name: str) -> Strings:
-        """Cells, with InputError for numbers in Python syntax only, such as `2_0`."""
+        """(n,) cells of a column of numbers.
+
+        InputError for digits with underscores (`2_0`), which only Python reads.
+        """
         cells = self.cells[name]
         slips = np.char.find(cells, "_") >= 0
         if slips.any():
@@ -219,16 +242,16 @@ class CsvRows:
         return cells
 
     def has(self, name: str) -> bool:
-        """Return whether the file has this column."""
+        """Whether the file has a column of this name."""
         return name in self.cells
 
 
 def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None:
-    """InputError if rows given for one sensor name several sensors in the file.
+    """InputError if the rows of a file that the user gives for one sensor name another sensor than its first row.
 
     Args:
-        rows: of a file.
-        column: has the labels of sensors.
+        rows: of the file.
+        column: name of the column with the labels of sensors.
         given: the sensor that the user names.
         label: of the first row of the file.
     """
@@ -253,19 +276,22 @@ def read_rows(
     commented: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Generator[CsvRows, None, None]:
-    """Read chunks of a text table with a header line, or of a file converted by a reader plug-in.
+    """Yield chunks of a text table with a header line, plain or gzip, or of a file that a reader plug-in converts.
 
-    Cells are separated by commas, semicolons or tabs; lines that are empty or begin
-    with `#` are skipped; upper and lower case of column names do not matter.
+    Cells are separated by commas, semicolons, tabs or blanks. Lines that are empty or begin with `#` are skipped, and
+    the case of column names does not matter.
 
     Args:
         path: the file.
-        columns: what each column may be called.
+        columns: names that files may have, by the name of the column.
         what: what the file should be, for messages.
         ignored: names of columns that may be there and are not used.
         ignore_extra: skip unknown columns instead of refusing them.
         commented: the first line, which begins with `#`, names the columns; see `commented_header`.
-        rows: rows of a chunk.
+        rows: number of rows in a chunk.
+
+    Raises:
+        InputError: the header is missing, has unknown or repeated columns, or a line is malformed.
     """
     with _open_text(path, what) as file:
         lines = _split(path, file, commented=commented)
@@ -288,9 +314,15 @@ def read_rows(
 
 
 def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[CsvRows, None, None]:
-    """Generate chunks of a text table without a header; columns are named `0`, `1`, ... by position.
+    """Yield chunks of a text table without a header line; columns are named `0`, `1`, ... by position.
 
-    `what` describes what was expected, `rows` is the number of rows in a chunk.
+    Args:
+        path: the file.
+        what: what it should be, for messages.
+        rows: number of rows in a chunk.
+
+    Raises:
+        InputError: the file is empty, or a line is malformed.
     """
     with _open_text(path, what) as file:
         lines = _split(path, file)
@@ -302,15 +334,19 @@ def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generato
 
 
 def first_line(path: Path, what: str) -> list[str]:
-    """Cells of the first line that is not empty or a comment; `what` describes what was expected."""
+    """Cells of the first line that is neither empty nor a comment (`#`); empty without one.
+
+    `what` describes the expected content, for messages.
+    """
     with _open_text(path, what) as file:
         return next(_split(path, file), (0, []))[1]
 
 
 def commented_header(path: Path, what: str) -> list[str]:
-    """Column names in a first line that begins with `#` and has as many cells as the data; else empty.
+    """Column names in a first line that begins with `#` and has as many cells as the data.
 
-    Cells are separated by commas, semicolons or tabs, and data by the same mark: a comment of words is no header.
+    Empty if there is no such line. A comment in words is no header, since names and data must be separated by the same
+    character (comma, semicolon or tab).
     """
     try:
         with _open_text(path, what) as file:
@@ -322,7 +358,10 @@ def commented_header(path: Path, what: str) -> list[str]:
 
 
 def is_prose(path: Path, what: str) -> bool:
-    """Whether the first line has a cell of many words, and another number of cells than the next line."""
+    """Whether the first line of a file is a sentence rather than cells.
+
+    It has a cell of more than `MAX_WORDS` words, and another number of cells than the next line.
+    """
     with _open_text(path, what) as file:
         lines = _split(path, file)
         first, second = next(lines, (0, []))[1], next(lines, (0, []))[1]
@@ -355,9 +394,12 @@ def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]])
 
 
 def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
-    """Generate (line number, line) of a text; InputError for too long lines, or too many from a gzip file.
+    """Yield (line number from 1, line) of an open text file.
 
     Lines are limited while reading, so that a file without line ends is not read as a whole.
+
+    Raises:
+        InputError: a line is longer than `LONGEST_LINE`, or a gzip file has more lines than its size allows.
     """
     packed = path.stat().st_size if isinstance(getattr(file, "buffer", None), gzip.GzipFile) else None
     most = math.inf if packed is None else max(FREE_LINES, packed)
@@ -377,9 +419,10 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 
 
 def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tuple[int, list[str]]]:
-    """Generate (line number, cells) of every data line, and of a first line that begins with `#` if `commented`.
+    """Yield (line number, cells) of every line of a text table that is neither empty nor a comment.
 
-    A repeated header is left out.
+    The separator follows from the first line. With `commented`, a first line that begins with `#` is included. A
+    repeated header line and lines with NUL or decimal commas are errors, or skipped (`report_bad_lines_to`).
     """
     reader = None
     header: list[str] = []
@@ -446,7 +489,10 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 
 def name_with_unit(name: str) -> str:
-    """Convert a unit in brackets to a suffix: `time [ms]` becomes `time_ms`; other names are unchanged."""
+    """Column name with a unit in brackets converted to a suffix: `time [ms]` becomes `time_ms`.
+
+    Others are unchanged.
+    """
     found = _UNIT.fullmatch(name)
     return name if found is None else f"{found['name']}_{found['square'] or found['round']}".replace(" ", "_")
 
@@ -459,15 +505,18 @@ def _resolve(
     ignored: Sequence[str],
     ignore_extra: bool,
 ) -> list[str | None]:
-    """Name, in occlog, of each column of a file; None for unused columns. InputError for an unknown or repeated column.
+    """Name in occlog of each column of a file; None for columns that are not used.
 
     Args:
-        path: of the file.
-        line: number of the header's line.
+        path: the file.
+        line: line number of the header.
         header: its cells.
-        columns: accepted names of each column.
+        columns: accepted names, by the name in occlog.
         ignored: names of columns that are not used.
-        ignore_extra: so are all unknown ones.
+        ignore_extra: unknown columns are not used; else an error.
+
+    Raises:
+        InputError: a column is unknown or repeated.
     """
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
@@ -507,10 +556,10 @@ def _chunks(
 
 
 def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int) -> bool:
-    """Whether a line has a cell of acceptable length for each column; if not, it is reported as an error.
+    """Whether a line has a cell of acceptable length for each column; if not, the error is raised or reported.
 
     Args:
-        path: of the file.
+        path: the file.
         location: what a line is called in messages.
         line: its number.
         cells: its cells.

@@ -33,19 +33,22 @@ FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
-    """Write one JSON object atomically; NaN and infinity become null.
+    """Write a JSON object atomically, with sorted keys; NaN and infinity become null.
 
     Args:
-        path: file.
-        values: by key; keys are sorted in the file.
-        overwrite: replace an existing file; else it is an OutputExistsError.
+        path: the file.
+        values: JSON-compatible values by key.
+        overwrite: replace an existing file; else OutputExistsError.
     """
     text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
     write_bytes(path, f"{text}\n".encode(), overwrite)
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read the object in a JSON file; InputError with the line of a fault."""
+    """Object in a JSON file.
+
+    InputError, with the line, if it is not valid JSON, larger than 64 MB, or another value.
+    """
     values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a JSON object, got {type(values).__name__}")
@@ -53,16 +56,16 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
-    """The value of a JSON text.
+    """Value of a JSON text.
 
     Args:
-        text: a whole text, as characters or in UTF-8.
-        where: the file, and the position in it.
-        what: expected content.
+        text: a whole text, as str or UTF-8 bytes.
+        where: the file, and the position in it, for messages.
+        what: expected content, for messages.
 
     Raises:
-        InputError: it is not JSON, nested too deeply, has a key of an object twice, more objects than such a text can
-            have that states anything with them, or holds half of a pair of surrogates.
+        InputError: it is not JSON, nested too deeply, repeats a key in an object, has more objects than a text of its
+            length sensibly can, or has half of a surrogate pair.
     """
     objects = text.count(b"{") + text.count(b"[") if isinstance(text, bytes) else text.count("{") + text.count("[")
     check_number(objects, "objects and lists", len(text), where)
@@ -87,7 +90,14 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
 
 
 def check_number(count: int, what: str, size: int, where: Path | str) -> None:
-    """InputError for more objects (`what`) than a JSON text of `size` bytes can have; `count` is their number."""
+    """InputError if a JSON text has more objects than are accepted for its length.
+
+    Args:
+        count: their number.
+        what: what they are, for the message.
+        size: length of the text.
+        where: the file, for the message.
+    """
     most = max(FREE_VALUES, size // BYTES_PER_VALUE)
     if count > most:
         raise InputError(
@@ -103,17 +113,17 @@ def _may_have_surrogates(text: str | bytes) -> bool:
 
 
 def struct_of(values: object, kind: type[S], *, key: str, source: Path | str, otherwise: str) -> S:
-    """Convert an object of JSON to the struct that describes its format.
+    """Convert a JSON object to the msgspec struct that describes its format.
 
     Args:
-        values: content.
+        values: the object.
         kind: the struct.
-        key: that every object of the format has.
+        key: a key that every object of the format has.
         source: the file, for messages.
-        otherwise: what an object without the key is not, and how to make one.
+        otherwise: message for an object without the key: what it is not, and how to make one.
 
     Raises:
-        InputError: the object has no such key, or a field is wrong: one line that names it.
+        InputError: the key is missing, or a field is wrong; the message names it.
     """
     if not isinstance(values, Mapping) or key not in values:
         raise InputError(f"{source}: {otherwise}")
@@ -139,9 +149,12 @@ _LONG_KEY = re.compile(rf"^[^=#\n]*(?:\.[^=#\n.]*){{{MAX_KEY_PARTS},}}", re.MULT
 
 
 def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
-    """Values of a TOML text; InputError for anything else.
+    """Values of a TOML text; InputError if it is invalid or too large.
 
-    `where` is its file, `what` describes what was expected.
+    Args:
+        text: TOML.
+        where: its file, for messages.
+        what: expected content, for messages.
     """
     size = len(text.encode(errors="replace"))
     if size > MAX_TOML_BYTES:
@@ -161,7 +174,10 @@ def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
 
 
 def parse_xml(text: str, path: Path) -> Element:
-    """The root element; InputError with the line where the text is not XML, or declares entities."""
+    """Root element of an XML text; InputError, with the line, if it is invalid or declares entities.
+
+    `path` is its file, for messages.
+    """
     if "<!ENTITY" in text:
         raise InputError(f"{path}: declares XML entities; remove them", id="unsupported-format")
     with guarded(path, "XML"):
@@ -174,7 +190,7 @@ def parse_xml(text: str, path: Path) -> Element:
 
 
 def required(parent: Element, name: str, where: str) -> Element:
-    """Child element of `parent` with the tag `name`; InputError if missing."""
+    """First child element of `parent` with the tag `name`; InputError, which begins with `where`, if there is none."""
     child = parent.find(name)
     if child is None:
         raise InputError(f"{where}: the part <{name}> is missing", id="missing-value")
@@ -182,7 +198,10 @@ def required(parent: Element, name: str, where: str) -> Element:
 
 
 def number(element: Element, name: str, where: str, default: float | None = None) -> float:
-    """Finite number in the attribute `name` of an element; InputError if missing (without a default) or invalid."""
+    """Finite number in the attribute `name` of an element, or `default` if it is missing.
+
+    InputError, which begins with `where`, if it is missing without a default, or not a finite number.
+    """
     text = element.get(name)
     if text is None:
         if default is None:

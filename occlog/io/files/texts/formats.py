@@ -45,19 +45,19 @@ one of 32 bits."""
 
 @dataclass(frozen=True)
 class FormatColumn:
-    """A column of a format.
+    """A column of a text format: accepted names, kind of cells, limits and default.
 
     Attributes:
         names: what files call it, in lower case; the first one is used in messages.
-        kind: of its cells.
+        kind: kind of its cells, such as `NUMBER`.
         least: smallest value.
         most: largest value.
         above: value that all must exceed.
         unit: of the limits, for messages.
         choices: texts that may be in it; empty: any.
-        default: value of rows without one, where the column is missing or, but for texts, a cell is empty; None: every
-            row must have one.
-        blank: whether single cells may be empty where there is a default.
+        default: value if the column is missing or, except for texts, a cell is empty; None: every row must have a
+            value.
+        blank: whether single cells may be empty if there is a default.
     """
 
     names: Sequence[str]
@@ -71,9 +71,9 @@ class FormatColumn:
     blank: bool = True
 
     def values(self, rows: CsvRows, name: str) -> NDArray[Any]:
-        """(n,) values of the column's cells under a name in `rows`.
+        """(n,) values of this column in `rows`, where it is called `name`; the default if the rows lack it.
 
-        InputError with line and limit for an invalid one.
+        InputError, with line and limit, for an invalid value.
         """
         if not rows.has(name):
             return np.full(len(rows), self.default)
@@ -125,9 +125,9 @@ class TextFormat:
     """A text table with a first line that names the columns.
 
     Attributes:
-        what: what a file of it is, for messages.
-        columns: by the name that the program uses.
-        times: whether it has a column of times, under one of the names of `TIME_COLUMNS`.
+        what: noun for a file of this format, for messages.
+        columns: declarations, by occlog's name of the column.
+        times: whether it may have a column of times, under one of the names of `TIME_COLUMNS`.
         ignored: names of columns that may be there and are not used.
         others: whether there may be any other columns.
     """
@@ -140,13 +140,13 @@ class TextFormat:
 
     @property
     def names(self) -> dict[str, Sequence[str]]:
-        """Accepted names of each column, times included."""
+        """Accepted names by occlog's name of the column; a column of times by its unit."""
         return {**(TIME_COLUMNS if self.times else {}), **{name: c.names for name, c in self.columns.items()}}
 
 
 @dataclass(frozen=True)
 class TextPart:
-    """Part of a table's rows: `part[name]` are the (n,) values of a column."""
+    """Some rows of a text table: `part[name]` are the (n,) values of a column, `rows` the cells as text."""
 
     rows: CsvRows
     values: Mapping[str, NDArray[Any]]
@@ -158,7 +158,7 @@ class TextPart:
         return len(self.rows)
 
     def times(self) -> Ints:
-        """(n,) times [ns]; InputError without a time column."""
+        """(n,) times [ns since the Unix epoch]; InputError without a time column."""
         unit = time_column(self.rows)
         if unit is None:
             raise InputError(
@@ -169,7 +169,7 @@ class TextPart:
 
 
 def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) -> Iterator[TextPart]:
-    """Read chunks of a text table in file order.
+    """Yield chunks of a text table of a declared format, in file order.
 
     Args:
         path: the file.
@@ -177,7 +177,7 @@ def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) ->
         ignore_extra: skip unknown columns instead of refusing them.
 
     Raises:
-        InputError: a column is missing or unknown, or a value is none of its column; with file, line, value and limit.
+        InputError: a column is missing or unknown, or a value is invalid; with file, line, value and limit.
     """
     extra = ignore_extra or table.others
     for rows in read_rows(path, table.names, table.what, ignored=table.ignored, ignore_extra=extra):
@@ -197,7 +197,7 @@ START = 4096
 
 
 class Probe:
-    """Evidence for recognising a format: the path, and the beginning of the file, read on demand.
+    """A file or folder, the format of which is to be recognised; its content is read on demand and kept.
 
     Attributes:
         path: of the file or folder.
@@ -209,7 +209,7 @@ class Probe:
 
     @cached_property
     def start(self) -> bytes:
-        """First bytes, without byte order mark and leading white space."""
+        """First `START` bytes of the file, without byte order mark and leading white space."""
         with self.path.open("rb") as file:
             return file.read(START).removeprefix(b"\xef\xbb\xbf").lstrip()
 
@@ -236,28 +236,28 @@ class Probe:
 
 
 def is_folder(probe: Probe) -> bool:
-    """Whether the input is a folder."""
+    """Whether the input to be recognised is a folder."""
     return probe.path.is_dir()
 
 
 def by_text(shows: Callable[[str], bool]) -> Callable[[Probe], bool]:
-    """Make a recogniser of a format from `shows`, a test of the file's whole text."""
+    """Make a recogniser of a format from `shows`, a predicate of the file's whole text."""
     return lambda probe: shows(probe.text)
 
 
 def by_cells(shows: Callable[[list[str]], bool]) -> Callable[[Probe], bool]:
-    """Make a recogniser of a format from `shows`, a test of the cells of the first line."""
+    """Make a recogniser of a format from `shows`, a predicate of the cells of the file's first line, in lower case."""
     return lambda probe: shows(probe.cells)
 
 
 @dataclass(frozen=True)
 class FileFormat(Generic[R]):
-    """A format of a family of files.
+    """A format of a family of files (boxes, calibrations, directions, truth).
 
     Attributes:
-        read: reads a file.
-        doc: what it is, in words.
-        sniff: whether a file is of it; by default never: the format is chosen by its name.
+        read: function that reads or opens a file.
+        doc: what the format is, in words.
+        sniff: whether a file has this format; by default never: the user must name the format.
         assumed: unit of lengths, or convention of angles, that holds unless the user states another.
     """
 
@@ -268,17 +268,17 @@ class FileFormat(Generic[R]):
 
 
 def recognise(formats: Mapping[str, FileFormat[R]], probe: Probe, stated: str = "auto", family: str = "") -> str | None:
-    """Recognise the format of a file: the stated one, or the first that matches; None if no format matches.
+    """Name of a file's format: the stated one, or the first that recognises the file; None if none does.
 
     Args:
-        formats: of the family, by name.
-        probe: of the file.
-        stated: a name, or `auto`.
+        formats: formats of a family, by name, the most particular first.
+        probe: the file.
+        stated: name that the user gives, or `auto`.
         family: of the formats, for messages.
 
     Raises:
         UsageError: there is no format of the stated name.
-        InputError: the file cannot be read up to the recognition of its format, or is of a program that is not read.
+        InputError: the file cannot be read, or belongs to a program that is known but not read.
     """
     if stated == "auto":
         refuse_unread(probe.path)

@@ -44,7 +44,7 @@ class _TooManyError(Exception):
 if yaml.__with_libyaml__:
 
     class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
-        """Safe loader with the parser of libyaml (six times faster), which allows counting nodes while reading."""
+        """Safe loader with the parser of libyaml (six times faster); nodes are composed in Python, to be counted."""
 
         def __init__(self, stream: str) -> None:
             """Begin to read a YAML text (`stream`)."""
@@ -58,7 +58,7 @@ else:
 
 
 class BoundedLoader(_SafeLoader):
-    """Safe loader that raises an error after `MAX_NODES` values, which limits the time of parsing."""
+    """Safe loader that raises `_TooManyError` after 2 `MAX_NODES` nodes, which limits the time of parsing."""
 
     def __init__(self, stream: str) -> None:
         """Begin to read a YAML text (`stream`), without nodes so far."""
@@ -66,7 +66,7 @@ class BoundedLoader(_SafeLoader):
         self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose the next node, a key, a value or an alias; _TooManyError for more than 2 `MAX_NODES` of them."""
+        """Compose the next node (key, value or alias); _TooManyError if there are more than 2 `MAX_NODES`."""
         self._nodes += 1
         if self._nodes > 2 * MAX_NODES:
             raise _TooManyError
@@ -80,13 +80,17 @@ def _too_many(where: Path | str) -> InputError:
 
 
 def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
-    """Compose the nodes of one YAML document, at most `MAX_NODES`; None for an empty one.
+    """Root node of one YAML document; None for an empty one.
 
-    `where` is its file, for messages.
+    Args:
+        text: YAML.
+        where: its file, for messages.
+        loader: class of the loader.
 
     Raises:
         yaml.YAMLError: it is not YAML.
-        InputError: it is too large with its aliases written out, nested too deeply, or an alias holds itself.
+        InputError: it has more than `MAX_NODES` nodes with its aliases expanded, is nested too deeply, has a key that
+            is not a scalar, or an alias contains itself.
     """
     with guarded(where, "YAML"):
         try:
@@ -122,9 +126,9 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
-    """Check the text of a YAML scalar; InputError for a lone surrogate, or a number that is too long.
+    """InputError for a YAML scalar with a lone surrogate, or a number of more than `LONGEST_NUMBER` characters.
 
-    At most `LONGEST_NUMBER` characters are allowed. `where` is the file, for messages.
+    `where` is the file, for messages.
     """
     location = f"{where}: line {node.start_mark.line + 1}"
     check_text(node.value, location)
@@ -136,7 +140,7 @@ def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
 
 
 class _Unknowing(BoundedLoader):
-    """Safe loader that reads OpenCV matrices as plain mappings."""
+    """Safe loader that reads matrices of OpenCV (`!!opencv-matrix`) as plain mappings."""
 
 
 def _plain_mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
@@ -148,10 +152,14 @@ for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-mat
 
 
 def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
-    """Parse every document of another program's YAML text; InputError for anything else.
+    """Values of all documents in the YAML text of another program; InputError if it is not YAML.
 
-    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is skipped. `where` is the file,
-    `what` describes what was expected.
+    `%YAML:1.0`, with which OpenCV 3 and 4 begin their files, is not a valid directive and is skipped.
+
+    Args:
+        text: YAML.
+        where: its file, for messages.
+        what: expected content, for messages.
     """
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
     try:
@@ -199,15 +207,15 @@ _Loader.add_implicit_resolver(
 
 
 class _Constructor(_Loader):
-    """Constructs values from nodes; errors name the line."""
+    """Constructs values from nodes; an InputError for an invalid scalar names the line."""
 
     def __init__(self, text: str, source: str) -> None:
-        """Create the constructor; `source` names the file in messages."""
+        """Begin with a YAML text; `source` is its file, for messages."""
         super().__init__(text)
         self._source = source
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Construct the value of a node; InputError for an invalid scalar such as the date 2001-99-99."""
+        """Value of a node (`deep`: with all its items at once); InputError for a scalar such as the date 2001-99-99."""
         try:
             return super().construct_object(node, deep)
         except FAILURES:
@@ -221,13 +229,16 @@ class _Constructor(_Loader):
 
 
 def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = None) -> T:
-    """Read a YAML file as an instance of a msgspec type; InputError with line and nearest valid key.
+    """Read a YAML file as an instance of a msgspec type; keys and types are checked strictly.
 
     Args:
         path: the file.
         kind: the type.
-        what: a description of such a file, for messages.
-        upgrade: turns the values of a file of an earlier release into those of this one.
+        what: description of such a file, for messages.
+        upgrade: converts the values of files of earlier releases to those of this one; None: no conversion.
+
+    Raises:
+        InputError: the file is not YAML, or a key or value is invalid; with the line and the most similar valid key.
     """
     path = check_input(path, what)
     _refuse_binary(path, what)
@@ -235,7 +246,10 @@ def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = No
 
 
 def _refuse_binary(path: Path, what: str) -> None:
-    """InputError for a file with the first bytes of a binary format; `what` describes what was expected."""
+    """InputError for a file that by its first bytes is a recording, a table, or in another known format than YAML.
+
+    `what` describes the expected content, for the message.
+    """
     content = content_of(path, what)
     if content is not Content.OTHER:
         raise InputError(f"{path}: is {content.value}; {what} was expected", id="wrong-content")
@@ -246,15 +260,22 @@ def _refuse_binary(path: Path, what: str) -> None:
 
 
 def lines_of(path: Path) -> dict[str, int]:
-    """Line of every value in a YAML file, by path such as `$.track.set.sigma_v`, `$.cases[0]`."""
+    """Line number of every value in a YAML file, by its path, such as `$.track.set.sigma_v` or `$.cases[0]`."""
     node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
 
 def parse_yaml(text: str, source: str, kind: type[T], upgrade: Upgrade | None = None) -> T:
-    """Parse YAML text like `read_yaml`, as type `kind`; `source` names it in messages.
+    """Parse YAML text as an instance of the msgspec type `kind`; keys and types are checked strictly.
 
-    `upgrade` converts the values of older versions before they are checked.
+    Args:
+        text: YAML.
+        source: name of the file in messages.
+        kind: the type.
+        upgrade: converts the values of earlier releases to those of this one; None: no conversion.
+
+    Raises:
+        InputError: the text is not YAML, or a key or value is invalid; with the line and the most similar valid key.
     """
     raw, lines = _values(text, source)
     if not isinstance(raw, dict):
@@ -271,7 +292,10 @@ KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
 
 
 def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
-    """Value of a YAML text, and the line of every value in it by path; `source` names it in messages."""
+    """Value of a YAML text (a copy that may be changed), and the line number of every value in it by its path.
+
+    The latest texts are cached. `source` is the file in messages. InputError if it is not YAML, or has NaN or infinity.
+    """
     known = _KEPT.get(text)
     if known is None:
         try:
@@ -303,7 +327,10 @@ def _yaml_problem(error: yaml.YAMLError) -> str:
 
 
 def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, int]]:
-    """Generate path (below `location`) and line of every node below a node; InputError for repeated keys."""
+    """Yield (path, line number) of a node and all nodes below it; `location` is the path of the node.
+
+    InputError, which names the file `source`, for repeated keys.
+    """
     yield location, node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
@@ -325,8 +352,8 @@ def _check_finite(raw: object, location: str, lines: dict[str, int], source: str
 
     Args:
         raw: value.
-        location: its path.
-        lines: line of each path.
+        location: its path, as `$.track`.
+        lines: line number by path.
         source: name of the file.
     """
     if isinstance(raw, float) and not math.isfinite(raw):
@@ -338,12 +365,12 @@ def _check_finite(raw: object, location: str, lines: dict[str, int], source: str
 
 
 def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
-    """Return msgspec's message with line, readable path and nearest valid key.
+    """Rewrite an error message of msgspec with line number, readable path, and the most similar valid key.
 
     Args:
         message: of the library.
         raw: parsed values.
-        lines: line of each path.
+        lines: line number by path.
         kind: type that the values should have.
     """
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
@@ -373,13 +400,16 @@ def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) 
 
 
 def _valid_keys(kind: type[T], location: str) -> list[str]:
-    """Sorted keys allowed at the path `location` of a value of type `kind`; empty if it is no mapping."""
+    """Sorted keys that a value of the msgspec type `kind` allows at the path `location`.
+
+    Empty unless that is a struct.
+    """
     info = _type_at(kind, location)
     return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
 
 
 def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
-    """Type of the value at the path `location` of a value of type `kind`, by the declared types."""
+    """Declared type at the path `location` (as `$.track.set`) in a value of the msgspec type `kind`."""
     info = _strip(msgspec.inspect.type_info(kind))
     for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", location.removeprefix("$")):
         info = _strip(_step(info, part))
@@ -387,7 +417,7 @@ def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
 
 
 def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
-    """The struct or container inside an optional or annotated type."""
+    """Type without annotation and None; of a union the first struct, or else its first type."""
     if isinstance(info, msgspec.inspect.Metadata):
         return _strip(info.type)
     if isinstance(info, msgspec.inspect.UnionType):
@@ -398,7 +428,7 @@ def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
 
 
 def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
-    """Type of the field `part` of a type, or of the items of a container."""
+    """Type of the field `part` of a struct, or of the items or values of a container; `info` itself for other types."""
     if part and isinstance(info, msgspec.inspect.StructType):
         for f in info.fields:
             if f.encode_name == part:

@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """A selection of frames, first <= number < stop.
+    """A selection of frames by ranges first <= number < stop.
 
     Attributes:
         common: range of the cameras without one of their own; None: all of their frames.
-        own: range of a camera.
+        own: range by camera.
     """
 
     common: tuple[int, int] | None = None
     own: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, camera: str | None) -> tuple[int, int] | None:
-        """Return the frame range selected for a camera; None: all frames."""
+        """Range (first, stop) selected for a camera, or for all (`camera` None); None: all frames."""
         return self.common if camera is None else self.own.get(camera, self.common)
 
     def takes(self, camera: str, number: int) -> bool:
@@ -32,7 +32,7 @@ class FrameChoice:
         return self.common is not None or bool(self.own)
 
     def __str__(self) -> str:
-        """The ranges in the syntax of the option."""
+        """Format the ranges in the syntax of the option `frames`: `0:100, cam2=50:100`."""
         common = [] if self.common is None else [f"{self.common[0]}:{self.common[1]}"]
         return ", ".join([*common, *(f"{name}={first}:{stop}" for name, (first, stop) in self.own.items())])
 

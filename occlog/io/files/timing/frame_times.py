@@ -28,21 +28,21 @@ UNIT_FACTORS, UNIT_TOLERANCE = (1e3, 1e6, 1e9), 1.5
 
 
 def is_unit_factor(ratio: float) -> bool:
-    """Whether a ratio of two durations is about that of two units of time."""
+    """Whether a ratio of two durations is about that of two time units: 1e3, 1e6 or 1e9, or the inverse of these."""
     larger = max(ratio, 1.0 / max(ratio, 1e-300))
     return any(abs(math.log(larger / factor)) < math.log(UNIT_TOLERANCE) for factor in UNIT_FACTORS)
 
 
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
-    """Times of the frames of one camera.
+    """Times of the frames of one camera, from a table or a frame rate, with correction of its clock.
 
     Attributes:
-        source: what the times come from, for provenance and messages.
-        start_ns: time of the origin of `table_ns`, or of frame 0.
-        table_ns: (n,) times of frames 0..n-1 after the origin, strictly rising; None: the rate is used.
-        rate: frames per second.
-        clock: clock of the camera, with its error taken out of the times; None: they are world times.
+        source: where the times come from, for provenance and messages.
+        start_ns: time of the origin of `table_ns`, or of frame 0 [ns since the Unix epoch].
+        table_ns: (n,) times of frames 0..n-1 after the origin [ns], strictly increasing; None: the rate is used.
+        rate: frames per second; None: unknown.
+        clock: clock model of the camera, by which its times are corrected; None: they are world times.
     """
 
     source: str
@@ -53,11 +53,14 @@ class FrameTimes:
 
     @property
     def count(self) -> int | None:
-        """Number of frames with a time; None: unlimited."""
+        """Number of frames with a time; None if times follow from the rate, without limit."""
         return None if self.table_ns is None else len(self.table_ns)
 
     def at(self, frames: Ints) -> Ints:
-        """(n,) world times [ns] of the frame numbers `frames` (n,); InputError for a frame without a time."""
+        """(n,) world times [ns since the Unix epoch] of frame numbers (n,).
+
+        InputError for a frame without a time, or if neither a table nor a rate is known.
+        """
         frames = np.asarray(frames, dtype=np.int64)
         if self.table_ns is not None:
             bad = (frames < 0) | (frames >= len(self.table_ns))
@@ -76,34 +79,34 @@ class FrameTimes:
         return self.world(self.start_ns + frames_to_ns(frames, self.rate))
 
     def elapsed_ns(self, frame: int) -> float:
-        """Time [ns] from frame 0 to a frame, by the camera's clock.
-
-        For a frame without a time, the value is that of the last frame with a time.
-        """
+        """Time [ns] from frame 0 to a frame by the camera's clock; beyond the table that of its last frame."""
         if self.table_ns is None:
             return frame * NS / float(self.rate or math.nan)
         return float(self.table_ns[min(frame, len(self.table_ns) - 1)] - self.table_ns[0])
 
     def until(self, elapsed_ns: float) -> int:
-        """Last frame at most `elapsed_ns` after frame 0, by the camera's clock; -1 if there is none."""
+        """Number of the last frame that is at most `elapsed_ns` after frame 0, by the camera's clock.
+
+        -1 if there is none.
+        """
         if self.table_ns is None:
             return max(math.floor(elapsed_ns / NS * float(self.rate or math.nan)), -1)
         return int(np.searchsorted(self.table_ns - self.table_ns[0], elapsed_ns, side="right")) - 1
 
     def world(self, t_ns: Ints) -> Ints:
-        """(n,) world times [ns] of times `t_ns` (n,) of the camera's clock."""
+        """(n,) world times [ns] of times (n,) by the camera's clock: offset and drift are removed."""
         first = 0 if self.table_ns is None or not len(self.table_ns) else int(self.table_ns[0])
         return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
 
     def by(self, clock: Clock | None) -> FrameTimes:
-        """Frame times converted to world time from a clock of the scene; None: unchanged."""
+        """Copy with a clock model, by which `at` corrects the times; unchanged if `clock` is None."""
         if clock is None:
             return self
         text = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
         return replace(self, source=text, clock=clock)
 
     def same_as(self, other: FrameTimes) -> bool:
-        """Whether every frame has the same world time."""
+        """Whether every frame has the same world time in `other`."""
         if self.count != other.count or (self.table_ns is None and self.rate != other.rate):
             return False
         if self.table_ns is not None:
@@ -116,23 +119,23 @@ class FrameTimes:
         return np.array_equal(self.at(frames), other.at(frames))
 
     def interval_ns(self) -> float:
-        """Typical interval between frames [ns]; infinite if unknown."""
+        """Median interval between frames [ns], or that of the frame rate; infinite if unknown."""
         if self.table_ns is not None:
             return float(np.median(np.diff(self.table_ns))) if len(self.table_ns) > 1 else math.inf
         return NS / float(self.rate) if self.rate else math.inf
 
 
 def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
-    """(n,) world times [ns] of sensor times t (n,): t - offset - drift (t - start).
+    """(n,) world times [ns] of sensor times t (n,) [ns]: t - offset - drift (t - start).
 
-    `start_ns` is the sensor's first time.
+    `clock` has offset and drift; `start_ns` is the sensor's first time, at which the drift is 0.
     """
     drift = np.round((t_ns - start_ns) * (clock.drift_ppm * 1e-6)).astype(np.int64)
     return np.asarray(t_ns - clock.offset_ns - drift, dtype=np.int64)
 
 
 def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
-    """(n,) times [ns] of frame numbers (n,) after frame 0, rounded, without the error of a float frame rate.
+    """(n,) times [ns] of frame numbers (n,) after frame 0 at an exact frame rate [Hz], rounded to 1 ns.
 
     InputError for a frame that would lie more than 285 years away.
     """
@@ -148,9 +151,9 @@ def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
 
 
 def as_rate(fps: float | str) -> Fraction:
-    """A frame rate as an exact fraction: 29.97 is taken for 30000/1001, 1/300 for itself; others are kept to 9 digits.
+    """Frame rate [Hz] as an exact fraction: 29.97 is taken for 30000/1001, 1/300 for itself.
 
-    InputError unless 1e-6 < fps <= 1e6.
+    Others are kept to 9 digits. InputError unless 1e-6 < fps <= 1e6.
     """
     try:
         # A number as it is written: 0.1 is a tenth
@@ -169,7 +172,7 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a frame rate may be meant by a value that is rounded to two or three decimals, or exact to 1e-6.
+    """Whether a stated value means a frame rate: it is the rate rounded to two or three decimals, or within 1e-6 of it.
 
     Args:
         rate: the frame rate, such as 30000 / 1001.

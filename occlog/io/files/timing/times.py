@@ -75,7 +75,10 @@ _OTHERWISE = (
 
 
 def parse_start_time(text: str) -> int:
-    """Parse a start time (`parse_time`); InputError names the option."""
+    """Parse a start time: seconds or ISO 8601, as [ns since the Unix epoch].
+
+    InputError names the option `start_time`.
+    """
     try:
         return parse_time(text)
     except InputError as error:
@@ -83,12 +86,13 @@ def parse_start_time(text: str) -> int:
 
 
 def parse_time(text: str, unit: str = "s") -> int:
-    """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it states).
+    """Time [ns since the Unix epoch] of a number in `unit`, or of an ISO 8601 date and time (UTC unless it has a zone).
 
-    Exact to the nanosecond.  Raises InputError for anything else, for a number of
-    seconds beyond the year 5138, which must have been meant in another unit, and for a
-    number with an exponent and a last digit that represents more than `COARSEST_NS`: float32 and
-    six digits of 1.71456e+09 are a minute or more away from the time that was meant.
+    Exact to the nanosecond.
+
+    Raises:
+        InputError: the text is neither, a number of seconds is beyond the year 5138 and so in another unit, or a number
+            with an exponent is written so coarsely that its last digit is more than 1 ms.
     """
     iso = _ISO.match(text.strip())
     if iso:
@@ -116,7 +120,7 @@ def parse_time(text: str, unit: str = "s") -> int:
 
 
 def _fault(text: str) -> str:
-    """Description of why a text is not a valid time, with the remedy."""
+    """Why a text is not a valid time, and the remedy, for a message."""
     if text.lower() in MISSING:
         return "is missing; remove the row, or give its time"
     reason = next((reason for form, reason in _OTHERWISE if re.fullmatch(form, text)), "")
@@ -124,7 +128,7 @@ def _fault(text: str) -> str:
 
 
 def coarse(ns: float) -> str:
-    """Text, for messages, about times that are known to `ns` only."""
+    """Text for messages: times are known to `ns` nanoseconds only, which is too coarse."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
@@ -144,9 +148,9 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
 
 
 def unit_by_size(largest: float) -> str:
-    """Infer the unit of times since 1970 by the largest: s, ms, us or ns, so that the year is 1973 to 5138.
+    """Unit (s, ms, us or ns) of times since 1970, inferred from their largest absolute value.
 
-    Each is a thousand times the other, so that a time of these years has one unit only.
+    It is the first of them in which the year is at most 5138, so that times from 1973 on have one unit only.
     """
     for unit, scale in (("s", 1), ("ms", 10**3), ("us", 10**6)):
         if largest <= LATEST_S * scale:
@@ -155,15 +159,15 @@ def unit_by_size(largest: float) -> str:
 
 
 def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError]) -> str:
-    """Unit of a time column: the stated one, else seconds, or inferred if the values are too large for seconds.
+    """Unit of a time column: the stated one, else seconds, or by size if the values are too large for seconds.
 
     Args:
-        values: (n,) times.
+        values: (n,) times in the unknown unit.
         unit: stated unit; empty: none is stated.
-        fail: makes an error of a row and a message.
+        fail: makes an InputError of the index of a row and a message.
 
     Raises:
-        InputError: times are too large for stated seconds, or in several units by their size.
+        InputError: times are too large for stated seconds, in several units by their size, or ticks of 100 ns.
     """
     sizes = np.abs(values)
     if unit not in ("", "s") or not len(sizes) or sizes.max() <= LATEST_S:
@@ -187,7 +191,7 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
 
 
 def _number(text: str) -> float:
-    """Parse a number; 0 for any other text."""
+    """Number that a text represents; 0 for other texts, NaN and infinity."""
     try:
         value = float(text)
     except ValueError:
@@ -196,18 +200,18 @@ def _number(text: str) -> float:
 
 
 def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
-    """Parse texts to (n,) times [ns], as `parse_time` does.
+    """Parse texts, numbers or ISO 8601 dates, to (n,) times [ns since the Unix epoch].
 
-    Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with
-    a zone, or without one, which are in UTC, but not both.
+    Numbers without a stated unit are in seconds, or in the unit of their size if too large. Dates without a zone are in
+    UTC.
 
     Args:
-        texts: cells.
+        texts: n cells.
         unit: unit of numbers; empty: it is not stated.
-        fail: makes an error of a row and a message.
+        fail: makes an InputError of the index of a row and a message.
 
     Raises:
-        InputError: see above.
+        InputError: a text is no time, the unit is unclear, or only some dates have a zone.
     """
     out = np.empty(len(texts), dtype=np.int64)
     zoned: bool | None = None
@@ -228,7 +232,12 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
 
 
 def _interval(values: Floats, unit: str) -> str:
-    """Addition to a message: the usual interval of a column's times (n,), if it suggests another unit."""
+    """Addition to a message on times: their median interval, if it is above 2 s and suggests another unit; else empty.
+
+    Args:
+        values: (n,) times of a column.
+        unit: in which they were read.
+    """
     steps = np.diff(np.unique(values))
     usual_s = float(np.median(steps)) * UNITS[unit] / NS if len(steps) >= MIN_INTERVALS else 0.0
     return (
@@ -239,9 +248,9 @@ def _interval(values: Floats, unit: str) -> str:
 
 
 def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
-    """Parse the column `name` to (n,) times [ns]; InputError with the line.
+    """(n,) times [ns since the Unix epoch] of the column `name`; InputError, with the line, for an invalid one.
 
-    `unit` is that of its numbers.
+    `unit` is that of numbers; empty: seconds, or by their size.
     """
     if unit == "ns":
         t_ns = rows.ints(name)
@@ -255,7 +264,7 @@ def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
 
 
 def time_column(rows: CsvRows) -> str | None:
-    """Unit of a table's time column, None without one; InputError for two time columns."""
+    """Unit of a text table's time column, which is also its name in `rows`; None without one, InputError for two."""
     found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
     if len(found) > 1:
         raise InputError(
@@ -265,14 +274,11 @@ def time_column(rows: CsvRows) -> str | None:
 
 
 def check_unit(rows: CsvRows, interval_s: Floats) -> None:
-    """InputError for a time column without unit, if its intervals suggest that it is not in seconds.
+    """InputError for a time column that does not state its unit, if frames are so far apart that it is not seconds.
 
     Args:
-        rows: some of the table.
-        interval_s: (n,) time from each frame to the next [s], by seconds.
-
-    Raises:
-        InputError: frames are too far apart for people to be tracked from one to the next.
+        rows: some rows of the table.
+        interval_s: (n,) time from each frame to the next [s], if the column is in seconds.
     """
     if len(interval_s) < MIN_INTERVALS or not (usual := float(np.median(interval_s))) > MAX_INTERVAL_S:
         return
@@ -289,12 +295,13 @@ def check_unit(rows: CsvRows, interval_s: Floats) -> None:
 
 
 def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
-    """Read the times [ns] of frames 0, 1, ... of each camera from a time stamp file.
+    """Read the times [ns] (n,) of frames 0, 1, ... of each camera, by name, from a time stamp file.
 
-    The file has one time a line, or the columns frame and time, or a header line with a
-    column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
-    for every name in `cameras`.  InputError with the line where times repeat or go back,
-    or where a frame is skipped.
+    The file has one time a line, or the columns frame and time, or a header line with a column of times and perhaps
+    `frame` and `camera`. Without a column `camera` it holds for every name in `cameras`.
+
+    Raises:
+        InputError: times repeat or decrease, a frame is skipped, or the file is of none of `cameras`; with the line.
     """
     found = list(iter_times(path))
     if not found:
@@ -309,7 +316,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
 
 
 def looks_like_times(path: Path) -> bool:
-    """Whether a text is a table of time stamps only, by its first line."""
+    """Whether a text file is a table of time stamps alone, by its first line; False if it cannot be read."""
     try:
         cells = first_line(path, WHAT)
         named = is_header_line(path)
@@ -324,7 +331,10 @@ def looks_like_times(path: Path) -> bool:
 
 
 def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
-    """Generate the rows of a time stamp table, with the unit of its time column."""
+    """Yield the rows of a time stamp table in parts, each with the unit of its time column.
+
+    The rows have the column under the name of the unit (`s`, `ns`, ...). InputError without a column of times.
+    """
     header = is_header_line(path)
     # The file is closed where a fault ends the reading, too
     with closing(read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else read_plain(path, WHAT)) as parts:
@@ -339,7 +349,7 @@ def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
 
 
 def is_header_line(path: Path) -> bool:
-    """Whether a file begins with column names (rather than a date and time)."""
+    """Whether the first line of a file has column names rather than numbers or dates."""
     cells = first_line(path, WHAT)
     return is_header(cells) and not any(cell[:1].isdigit() for cell in cells)
 
@@ -394,7 +404,10 @@ MAX_STEP_S = 2.0
 
 
 def restart_of(fall_s: float) -> str:
-    """Describe the counter that restarts where times decrease by this amount, with the remedy; empty: none is known."""
+    """Text on the counter that overflows where times decrease by `fall_s` [s], with the remedy.
+
+    Empty: none is known.
+    """
     for span, words in COUNTERS:
         if 0.0 <= span - fall_s <= MAX_STEP_S:
             return f"{words} began again; add {span:.15g} s to all rows from there on"
@@ -406,14 +419,16 @@ MIN_ROWS_A_RUN = 8
 
 
 def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: Sequence[np.ndarray]) -> None:
-    """Warn of times that decrease within the rows of one owner: a clock was set, or two runs are in one file.
+    """Warn once if times decrease from row to row of one owner: a clock was set, or two runs are in one file.
+
+    No warning if they decrease so often that the rows are just in another order.
 
     Args:
         path: the file.
-        location: word for the numbers of rows.
-        lines: (n,) numbers of rows, rising.
-        t_ns: (n,) their times.
-        owners: columns (n,) that identify the owner of a row.
+        location: word for the numbers of rows, as `line`.
+        lines: (n,) numbers of rows, increasing.
+        t_ns: (n,) their times [ns].
+        owners: columns (n,) that together identify the owner of a row (sensor, target).
     """
     codes = [np.unique(owner, return_inverse=True)[1] for owner in owners]
     order = np.lexsort([np.arange(len(t_ns)), *codes])
@@ -431,12 +446,15 @@ def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: S
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
-    """Return the times by frame number; InputError unless they increase strictly and frames, if given, are 0, 1, ...
+    """Return `t_ns`, which has the times by frame number.
 
     Args:
         rows: of the file.
         t_ns: (n,) times of the picked rows [ns].
         picked: (n,) indices of these rows.
+
+    Raises:
+        InputError: times do not strictly increase, or frame numbers, if the file has them, are not 0, 1, ...
     """
     if rows.has("frame"):
         frames = rows.ints("frame")[picked]

@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 
 
 def utc(t_ns: int) -> str:
-    """Time `t_ns` [ns since the Unix epoch] in ISO format to the millisecond, computed from the integer.
+    """Format a time [ns since the Unix epoch] in ISO 8601 (UTC), truncated to ms.
 
-    In ns if it is no date that can be written.
+    `N ns` if it is outside of years 1 to 9999.
     """
     seconds, rest = divmod(t_ns, 1_000_000_000)
     try:
@@ -23,7 +23,7 @@ MIN_DATE_NS = 100_000_000_000_000_000
 
 
 def time_words(t_ns: int) -> str:
-    """Time `t_ns` [ns], exactly: as date and time (UTC), or in seconds if it is below `MIN_DATE_NS`."""
+    """Format a time [ns] exactly: as date and time (UTC), or in seconds if it is before 1973-03-03 (`MIN_DATE_NS`)."""
     t_ns = int(t_ns)  # of NumPy, too
     if t_ns < MIN_DATE_NS:
         whole, rest = divmod(abs(t_ns), 1_000_000_000)

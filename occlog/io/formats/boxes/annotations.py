@@ -37,12 +37,16 @@ Record = tuple[int, dict[str, str]]
 
 
 def is_cvat(probe: Probe) -> bool:
-    """Whether a text is a CVAT annotation file."""
+    """Whether a file is an annotation file of CVAT (XML), by its beginning and suffix."""
     return b"<annotations" in probe.start and b"<?xml" in probe.start[:5] and probe.path.suffix.lower() == ".xml"
 
 
 def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one camera in annotations of CVAT (XML).
+    """Read the boxes of one camera from annotations of CVAT (XML "for video" or "for images").
+
+    Args:
+        path: the file.
+        wanted: has the name of the camera.
 
     Raises:
         InputError: the camera is not named, or the file is no such XML.
@@ -77,12 +81,12 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _order(frame: str) -> int:
-    """Frame number, for sorting; `MAX_FRAMES` for a longer or an invalid text, which is rejected later with its row."""
+    """Frame number of a text, for sorting; `MAX_FRAMES` for an invalid text, which is refused later with its row."""
     return int(frame) if frame.isdecimal() and len(frame) < LONGEST_NUMBER else MAX_FRAMES
 
 
 def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
-    """Image sizes stated by the task or by each image."""
+    """Yield ("", width, height) as stated by the task and by each image, as text or None."""
     for image in root.iter("image"):
         yield "", image.get("width"), image.get("height")
     for size in root.iter("original_size"):
@@ -122,7 +126,7 @@ def _edges(box: Element, where: str) -> dict[str, str]:
 
 
 def _listed(path: Path, root: Element) -> Ints | None:
-    """Numbers of the annotated frames; None if not stated."""
+    """Sorted numbers of the annotated frames: of the images, or of the task's range and step; None if not stated."""
     images = [image.get("id", "") for image in root.iter("image")]
     if images and all(number.isdecimal() for number in images):
         last = max(images, key=_order)

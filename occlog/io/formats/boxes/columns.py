@@ -64,11 +64,11 @@ SIZE_SLACK_PX = 1.5
 
 
 class BoxReadOptions(NamedTuple):
-    """Options given along with a file of boxes.
+    """Options for reading a file of boxes.
 
     Attributes:
-        camera: the camera; None: the file names its cameras.
-        known: names of the cameras of the scene; empty: all cameras of the file.
+        camera: name of its camera; None: the file names its cameras.
+        known: names of the cameras of the scene; empty: all cameras of the file are read.
         ignore_extra: skip unknown columns instead of refusing them.
     """
 
@@ -83,12 +83,12 @@ class BoxSource(NamedTuple):
     Attributes:
         chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `share_x`, ...
         kind: the format, in words.
-        listed: numbers of the frames that it names, also those without a box, by label of the camera, "" where the
-            camera was stated; empty: it names those with boxes only.
+        listed: numbers of the frames that the file names, also those without a box, by label of the camera ("" if the
+            user stated the camera); empty: it names only frames with boxes.
         cameras: labels of cameras that it names, also those without a box.
-        first_number: number of frame 0, where the format states it; None: it does not.
-        sizes: width and height [px] of the images that boxes are of, by label of the camera, where the format states
-            it; "" where the camera was stated.
+        first_number: number of frame 0, if the format states it; None: it does not.
+        sizes: width and height [px] of the images that boxes are of, by label of the camera ("" if the user stated the
+            camera); empty: not stated.
     """
 
     chunks: Iterator[CsvRows]
@@ -100,9 +100,9 @@ class BoxSource(NamedTuple):
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
-    """Image sizes (width, height) by camera; a camera with several sizes is omitted.
+    """Image sizes (width, height) [px] by camera; cameras with several or invalid sizes are omitted.
 
-    `found` has camera, width and height of each row.
+    `found` yields (camera, width, height) for each row of a file.
     """
     sizes: dict[str, set[tuple[int, int]]] = {}
     for camera, width, height in found:
@@ -116,21 +116,21 @@ def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
-    """(n,) mask of boxes with a size that contradicts their edges, which the file gives as well; False for NaN.
+    """(n,) mask of boxes with a size that contradicts their edges by more than `SIZE_SLACK_PX`; False for NaN.
 
-    Columns `width` and `height` in addition to all four edges often describe the image.
+    A file that has all four edges and also `width` and `height` often means those of the image.
 
     Args:
         size: (n,) width or height [px].
-        near: (n,) left or top edge.
-        far: (n,) right or bottom edge.
+        near: (n,) left or top edge [px].
+        far: (n,) right or bottom edge [px].
     """
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.abs(near + size - far) > SIZE_SLACK_PX)
 
 
 def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str:
-    """Description of a box for which `disagree` is true, for a message.
+    """Message for a box with a size that contradicts its edges.
 
     Args:
         size: name of the column with the size.
@@ -146,9 +146,12 @@ def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str
 
 
 def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
-    """Return the rows, with corners in place of centres; InputError if a required column of boxes is missing.
+    """Return the rows with left and top edges in place of centres, if they have these.
 
-    `camera` is that which the user states; None: the rows must name it.
+    `camera` is the one that the user states; None: the rows must have a column `camera`.
+
+    Raises:
+        InputError: a required column of boxes is missing.
     """
     if rows.has(SHARE_X):
         return rows
@@ -167,7 +170,10 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
 
 
 def _from_centres(rows: CsvRows) -> CsvRows:
-    """Convert centres and sizes in rows to near edges."""
+    """Copy of the rows with `left` and `top` computed from centres and sizes, if they have these.
+
+    InputError if they have edges, too.
+    """
     cells = dict(rows.cells)
     for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):
         if rows.has(centre) and rows.has(edge):
@@ -183,12 +189,12 @@ def _from_centres(rows: CsvRows) -> CsvRows:
 def rows_of(
     path: Path, records: Sequence[tuple[int, Mapping[str, str]]], location: str, files: Sequence[Path]
 ) -> CsvRows:
-    """Convert records, texts by column, to rows; missing cells are blank.
+    """Convert records, texts by column, to rows; missing cells are empty.
 
     Args:
         path: the file or folder.
         records: number of each in its file, from 1, and its cells by column.
-        location: what is numbered: `line`, `entry`.
+        location: what is numbered, for messages: `line`, `entry`.
         files: the file of each record; empty: all are in `path`.
 
     Raises:
@@ -211,7 +217,10 @@ _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
 def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open a table of boxes with a header line; it names its cameras unless `wanted` states the camera."""
+    """Open a table of boxes with a header line (CSV).
+
+    It must have a column of cameras, unless `wanted` states the camera. Rows are read on demand.
+    """
     return BoxSource(_csv(path, wanted.camera, wanted.ignore_extra), "CSV")
 
 
@@ -230,7 +239,10 @@ def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows
 
 
 def _of_images(rows: CsvRows) -> CsvRows:
-    """Add frame numbers from the names of images, if the rows have these."""
+    """Copy of the rows with a column `frame` from the last number in the names of images, if they have such names.
+
+    InputError for a name without a number.
+    """
     if not rows.has("image"):
         return rows
     names, inverse = np.unique(rows.cells["image"], return_inverse=True)
@@ -242,7 +254,10 @@ def _of_images(rows: CsvRows) -> CsvRows:
 
 
 def _split_box(rows: CsvRows) -> CsvRows:
-    """Split a column that holds all edges into four."""
+    """Copy of the rows with a column that holds all four edges or sizes (`bbox`, `box`) split into four columns.
+
+    Unchanged if they have neither, or have edges already.
+    """
     if rows.has(LIST) and not rows.has("left"):
         numbers: list[list[str]] = []
         for n, text in enumerate(rows.cells[LIST]):
@@ -263,7 +278,7 @@ def _split_box(rows: CsvRows) -> CsvRows:
 
 
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open MOTChallenge text, of which the camera must be stated (`wanted`); InputError if it is not."""
+    """Open MOTChallenge text (frames from 1) of the camera that `wanted` states; InputError if it states none."""
     if wanted.camera is None:
         raise InputError(
             f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",

@@ -58,7 +58,7 @@ DONT_CARE = "DontCare"
 
 
 def is_kitti(head: Sequence[str]) -> bool:
-    """Whether the cells of a first line (`head`) are KITTI's columns: numbers, except for the type."""
+    """Whether the cells of a first line are those of KITTI's tracking text: 17 or 18, all numbers except the type."""
     if len(head) not in (COLUMNS, COLUMNS + 1) or not head[TYPE].isalpha():
         return False
     try:
@@ -69,10 +69,10 @@ def is_kitti(head: Sequence[str]) -> bool:
 
 
 def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one camera in KITTI's text.
+    """Open KITTI's tracking text (frames from 0) of the camera that `wanted` states.
 
     Raises:
-        InputError: the camera is not named.
+        InputError: no camera is stated.
     """
     if wanted.camera is None:
         raise InputError(
@@ -108,16 +108,16 @@ _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"
 
 
 def is_vatic(head: Sequence[str]) -> bool:
-    """Whether the cells of a first line (`head`) are VATIC's columns."""
+    """Whether the cells of a first line are those of VATIC text (six numbers, three flags, a label)."""
     # The label is in quotation marks, which cells do not have
     return len(head) > 9 and _LINE.match(" ".join([*head[:9], f'"{head[9].strip(chr(34))}"'])) is not None
 
 
 def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one view in VATIC text.
+    """Open VATIC text (frames from 0) of the camera that `wanted` states.
 
     Raises:
-        InputError: the camera is not named.
+        InputError: no camera is stated.
     """
     if wanted.camera is None:
         raise InputError(
@@ -155,7 +155,10 @@ FRAMES_PER_CHUNK = 256
 
 
 class AnnotatedPerson(NamedTuple):
-    """A person in one frame: number in the file, identity, grid position, and edges by view."""
+    """A person of WILDTRACK in one frame: number in the file, identity, number of the grid point, box edges by view.
+
+    Edges are texts [px] by `left`, `top`, `right` and `bottom`; empty in a view in which the person is not.
+    """
 
     entry: int
     identity: int
@@ -164,7 +167,10 @@ class AnnotatedPerson(NamedTuple):
 
 
 def frame_files(folder: Path) -> dict[int, Path]:
-    """File of each frame, sorted by number; empty if the folder has none."""
+    """JSON file of each frame in a folder, by frame number (the last number in its name), sorted; empty without any.
+
+    InputError if two files have one number.
+    """
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and last_number(p.stem)]
     found: dict[int, Path] = {}
     for name in natural_sorted(names):
@@ -178,14 +184,16 @@ def frame_files(folder: Path) -> dict[int, Path]:
 
 
 def is_annotations(probe: Probe) -> bool:
-    """Whether a folder holds WILDTRACK annotations."""
+    """Whether a folder holds annotations as those of WILDTRACK: JSON files with frame numbers in their names."""
     return is_folder(probe) and bool(frame_files(probe.path))
 
 
 def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes in WILDTRACK's annotations, with the identities of the people.
+    """Open the boxes in WILDTRACK's annotations, with the identities of the people; view 0 is camera C1.
 
-    Of the views of known cameras; of all if none is known.
+    Args:
+        path: folder with a JSON file for each frame.
+        wanted: names the known cameras, of which boxes are read; of all views if it names none.
     """
     known = wanted.known
     files = frame_files(path)
@@ -222,7 +230,7 @@ def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, 
 
 
 def read_people(file: Path) -> list[AnnotatedPerson]:
-    """Read the people of a frame; views in which a person is absent have no edges.
+    """Read the people in WILDTRACK's annotation file of one frame.
 
     Raises:
         InputError: the file is not of this form.
@@ -273,7 +281,7 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
 
 
 def grid_places(position: Floats) -> tuple[Floats, Floats]:
-    """Positions x and y (n,) [m] of WILDTRACK's grid points (n,), given by their numbers."""
+    """Coordinates x and y, (n,) each [m], of points of WILDTRACK's grid, given by their numbers (n,)."""
     return ORIGIN[0] + STEP * (position % ACROSS), ORIGIN[1] + STEP * (position // ACROSS)
 
 
@@ -306,10 +314,12 @@ Line = tuple[Path, int, int, list[str]]
 
 
 def camera_folders(path: Path) -> dict[str | None, Path]:
-    """Label folder of each camera; the key None if the folder itself is that of one camera.
+    """Folder with YOLO label files for each camera, named by the subfolders of `path`.
+
+    The only key is None if `path` itself (or its subfolder `labels`) holds the files of one camera.
 
     Raises:
-        InputError: there is no file of labels.
+        InputError: there is no label file.
     """
     own = _labels(path)
     if own is not None:
@@ -327,18 +337,18 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
 
 
 def _labels(folder: Path) -> Path | None:
-    """The folder itself or its subfolder `labels`, whichever holds label files; None if neither does."""
+    """The folder itself or its subfolder `labels`, whichever holds YOLO label files; None if neither does."""
     return next((p for p in (folder, folder / LABELS) if p.is_dir() and label_files(p)), None)
 
 
 def label_files(folder: Path) -> list[Path]:
-    """Label files of YOLO in a folder, in natural order."""
+    """YOLO label files in a folder (`.txt` with a number in the name, except `classes.txt`), in natural order."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 
 def is_labels(folder: Path) -> bool:
-    """Whether a folder itself holds label files, by the lines of the first non-empty files."""
+    """Whether a folder itself holds YOLO label files, by the lines of its first non-empty files."""
     files = [file for file in label_files(folder) if file.stat().st_size][:LABELS_TRIED]
     try:
         lines = [line for file in files for line in _read(file, 0)]
@@ -348,7 +358,7 @@ def is_labels(folder: Path) -> bool:
 
 
 def _is_label(numbers: Sequence[str]) -> bool:
-    """Whether the cells of a line are a class and a box in shares of the image size."""
+    """Whether the cells of a line are a class number and a box in shares of the image size."""
     try:
         return numbers[0].isdigit() and all(-SLACK <= float(number) <= 1 + SLACK for number in numbers[1:5])
     except ValueError:
@@ -356,9 +366,14 @@ def _is_label(numbers: Sequence[str]) -> bool:
 
 
 def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of a folder of YOLO text; it names its cameras unless `wanted` states the camera.
+    """Open the boxes in a folder of YOLO label files, of the stated camera or with a subfolder for each camera.
 
-    InputError if no camera is named, or one is stated for a folder of several.
+    Args:
+        path: the folder.
+        wanted: has the name of the camera, if the folder is of one.
+
+    Raises:
+        InputError: the folder is of one camera, which is not stated; or one is stated, and the folder is of several.
     """
     camera = wanted.camera
     folders = camera_folders(path)
@@ -380,7 +395,10 @@ def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
-    """File of each frame, sorted by number; InputError if two files have the same number."""
+    """YOLO label file of each frame, by the last number in its name, sorted.
+
+    InputError if two files have one number.
+    """
     found: dict[int, Path] = {}
     for file in label_files(folder):
         number = int(last_number(file.stem) or 0)
@@ -417,7 +435,12 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
 
 
 def _check_order(folder: Path, lines: list[Line]) -> None:
-    """InputError if boxes are inside the image with another order of the columns, and not with the given one."""
+    """InputError if boxes are inside the image with another order of YOLO's columns, but not with the usual one.
+
+    Args:
+        folder: for the message.
+        lines: all lines of one camera.
+    """
     count = min(len(numbers) for *_, numbers in lines) - 1
     try:
         values = np.array([numbers[1 : count + 1] for *_, numbers in lines], dtype=np.float64)
@@ -437,7 +460,10 @@ def _check_order(folder: Path, lines: list[Line]) -> None:
 
 
 def _share_inside(order: Sequence[str], values: Floats) -> float:
-    """Share of the boxes, with columns (n, K) in this order, that are inside the image."""
+    """Share, 0 to 1, of n boxes that are inside the image if the columns of `values` (n, K) mean `order`.
+
+    Coordinates are in shares of the image size.
+    """
     column = dict(zip(order, values.T, strict=False))
     if "x" in column:
         column["left"] = column["x"] - 0.5 * column["width"]
@@ -452,7 +478,13 @@ def _share_inside(order: Sequence[str], values: Floats) -> float:
 
 
 def _read(file: Path, frame: int) -> list[Line]:
-    """Parse one label file; it may be empty (a frame without detections)."""
+    """Parse the YOLO label file of the frame number `frame`; no lines for an empty file (a frame without detections).
+
+    Key points of a pose are dropped.
+
+    Raises:
+        InputError: a line has another number of cells, no class, or is repeated.
+    """
     if file.is_file() and file.stat().st_size == 0:
         return []
     check_input(file, "labels of a frame")
@@ -499,7 +531,7 @@ def _read(file: Path, frame: int) -> list[Line]:
 
 
 def _whole(text: str) -> bool:
-    """Whether a class is a name or a whole number, also as `0.0`."""
+    """Whether a class is a whole number, also as `0.0`, or a name (any text that is not a number)."""
     try:
         return float(text).is_integer()
     except ValueError:
@@ -507,7 +539,13 @@ def _whole(text: str) -> bool:
 
 
 def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
-    """Meaning of the sixth number of lines without a seventh: identity or confidence; InputError if ambiguous."""
+    """Meaning of the sixth number in lines of YOLO text without a seventh: ("id",) or ("confidence",).
+
+    It is an identity if it is a positive whole number in all lines.
+
+    Raises:
+        InputError: lines have different numbers of cells, so that the meaning is unclear.
+    """
     counts = {len(numbers) for *_, numbers in lines}
     if 7 in counts:
         if 5 in counts:
@@ -526,12 +564,12 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
 
 
 def names_of_classes(folder: Path) -> Path | None:
-    """File with class names, in the label folder or its parent; None if missing."""
+    """Path of `classes.txt` with the class names, in a label folder or its parent; None if missing."""
     return next((p for p in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES) if p.is_file()), None)
 
 
 def _class_names(folder: Path) -> dict[str, str]:
-    """Class names by number; empty if missing."""
+    """Class names by number (as text, from 0) for a label folder; empty without a file of names."""
     path = names_of_classes(folder)
     if path is None:
         return {}
@@ -540,7 +578,7 @@ def _class_names(folder: Path) -> dict[str, str]:
 
 
 def _check_shares(rows: CsvRows) -> None:
-    """InputError for a centre or size that is not a share of the image size."""
+    """InputError, with the line, for a centre or size of a box that is not a share of the image size, 0 to 1."""
     for name in (SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT):
         values = rows.floats(name)
         bad = np.flatnonzero((values < -SLACK) | (values > 1 + SLACK))

@@ -41,12 +41,12 @@ Kind = Literal["tracks", "detections", "truth"]
 
 
 class SequenceInfo(NamedTuple):
-    """Content of `seqinfo.ini` of a sequence.
+    """Content of MOTChallenge's `seqinfo.ini` of a sequence.
 
     Attributes:
         name: name of the sequence, which is that of its folder and of files of tracks.
-        frames: number of frames, those without a box included.
-        rate_hz: frames a second.
+        frames: number of frames, including those without a box.
+        rate_hz: frames per second.
         width: of the images [px].
         height: of the images [px].
     """
@@ -72,16 +72,16 @@ class SequenceInfo(NamedTuple):
 
 
 def write_mot(path: Path, boxes: Boxes, kind: Kind, *, overwrite: bool = False) -> None:
-    """Write the boxes of one camera as MOTChallenge text; frames without a box have no line.
+    """Write the boxes of one camera as MOTChallenge text (frames from 1); frames without a box have no line.
 
     Args:
         path: the file.
         boxes: frames from 0; rows in any order.
-        kind: what the boxes are.
-        overwrite: replace a file that exists.
+        kind: `tracks`, `detections` (identities are not written) or `truth`.
+        overwrite: replace an existing file.
 
     Raises:
-        InputError: boxes of several cameras, without an identity, or twice the same one in a frame.
+        InputError: boxes are of several cameras, without an identity, or one identity is twice in a frame.
         OutputExistsError: the file exists and `overwrite` is false.
         OutputError: the file cannot be written.
     """
@@ -89,9 +89,15 @@ def write_mot(path: Path, boxes: Boxes, kind: Kind, *, overwrite: bool = False) 
 
 
 def mot_text(path: Path, boxes: Boxes, kind: Kind) -> str:
-    """Boxes of one camera as MOTChallenge text, sorted by frame and identity.
+    """Boxes of one camera as MOTChallenge text (frames from 1), sorted by frame and identity.
 
-    `kind` states what they are; errors as of `write_mot`, with the name of the file.
+    Args:
+        path: file named in messages.
+        boxes: frames from 0; rows in any order.
+        kind: `tracks`, `detections` (identities are not written) or `truth`.
+
+    Raises:
+        InputError: boxes are of several cameras, without an identity, or one identity is twice in a frame.
     """
     _check_camera(path, boxes)
     there = boxes.take(np.flatnonzero(boxes.box >= 0))
@@ -106,13 +112,14 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
     """Write the true boxes of one camera as a MOTChallenge sequence: `gt/gt.txt` and `seqinfo.ini`.
 
     Args:
-        folder: folder of the sequence, made where it is missing; its name should be `info.name`.
+        folder: folder of the sequence, made if missing; its name should be `info.name`.
         truth: true boxes; frames from 0.
-        info: the recording.
-        overwrite: replace files that exist.
+        info: content of `seqinfo.ini`.
+        overwrite: replace existing files.
 
     Raises:
-        InputError: as for `write_mot`, or a box is after the last frame.
+        InputError: boxes are of several cameras, without an identity, repeated, or after the last frame.
+        OutputError: a file exists and `overwrite` is false, or cannot be written.
     """
     last = int(truth.frame.max()) if len(truth) else -1
     if last >= info.frames:
@@ -124,7 +131,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
 
 
 def write_sequence_list(path: Path, names: Sequence[str], *, overwrite: bool = False) -> None:
-    """Write the list of sequences that TrackEval is to evaluate (its SEQMAP_FILE), by their names."""
+    """Write the list of sequences, by their names, that TrackEval is to evaluate (its SEQMAP_FILE)."""
     write_bytes(path, "".join(f"{name}\n" for name in ("name", *names)).encode(), overwrite)
 
 
@@ -151,7 +158,10 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
 
 
 def _check_identities(path: Path, boxes: Boxes) -> None:
-    """InputError if a row of `boxes`, sorted by frame and identity, has no identity or repeats one."""
+    """InputError if a box has no identity, or a frame has two boxes of one.
+
+    `boxes` are sorted by frame and identity.
+    """
     bad = np.flatnonzero(boxes.target_id < 0)
     if len(bad):
         raise InputError(
@@ -173,7 +183,7 @@ _NAME = re.compile(r"^[^\s/\\,:]{1,64}$")
 
 
 class MotSequence(NamedTuple):
-    """True boxes and tracks of one camera as a sequence of MOTChallenge; `info.name` names it."""
+    """True boxes and tracks of one camera as a MOTChallenge sequence, with the content of its `seqinfo.ini`."""
 
     info: SequenceInfo
     truth: TruthBoxes
@@ -181,20 +191,20 @@ class MotSequence(NamedTuple):
 
 
 def write_layout(folder: Path, tracker: str, sequences: Sequence[MotSequence], *, overwrite: bool = False) -> None:
-    """Write truth and tracks of several sequences.
+    """Write truth and tracks of several sequences as the folders that TrackEval reads (benchmark MOT17-train).
 
     Existing truth with the same content is kept, so that tracks of several programs can share a folder. All files are
     written next to the folder first, and moved when complete.
 
     Args:
-        folder: made where it is missing.
-        tracker: name of the tracks.
+        folder: made if missing.
+        tracker: name of the program that made the tracks.
         sequences: one for each camera.
-        overwrite: replace files that are there with another content.
+        overwrite: replace files that exist with another content.
 
     Raises:
-        InputError: a name cannot be that of a file.
-        OutputExistsError: a file is there with another content and `overwrite` is false.
+        InputError: a name cannot be that of a file, or boxes are invalid.
+        OutputExistsError: a file exists with another content and `overwrite` is false.
         OutputError: the folder is a file or cannot be written.
     """
     for name in (tracker, *(s.info.name for s in sequences)):
@@ -221,9 +231,9 @@ def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
 
 
 def _move(temporary: Path, folder: Path, overwrite: bool) -> None:
-    """Move new or changed files from a temporary folder to `folder`; none if one of them must not be replaced.
+    """Move the files of a temporary folder that are new or changed to the same places in `folder`.
 
-    OutputExistsError for a file with another content, if `overwrite` is False.
+    OutputExistsError, and nothing is moved, if a file exists with another content and `overwrite` is false.
     """
     files = sorted(path for path in temporary.rglob("*") if path.is_file())
     new = []
@@ -252,7 +262,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """Columns of n true boxes in addition to the position: frame, identity, mark and class."""
+    """Columns of the n rows of a MOTChallenge truth file without the box: frame, identity, mark and class."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)
@@ -261,12 +271,15 @@ class Marks(NamedTuple):
 
 
 def has_classes(path: Path) -> bool:
-    """Whether a truth file has a class column; InputError for a file without data."""
+    """Whether a MOTChallenge truth file has a class column (8 or 9 columns); InputError for a file without data."""
     return len(next(read_plain(path, WHAT)).cells) in WITH_CLASSES
 
 
 def read_marks(path: Path) -> Marks:
-    """Read marks and classes of a truth file with classes; InputError with the line of an invalid class."""
+    """Frame, identity, evaluation mark and class of each row of a MOTChallenge truth file that has classes.
+
+    InputError, with the line, for an invalid class.
+    """
     parts = [_marks(rows) for rows in read_plain(path, WHAT)]
     return Marks._make(np.concatenate(column) for column in zip(*parts, strict=True))
 

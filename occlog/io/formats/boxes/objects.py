@@ -46,10 +46,12 @@ Record = Mapping[str, Any]
 
 
 def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of a JSON file; it names its cameras unless `wanted` states the camera.
+    """Open the boxes in a JSON file: COCO, COCO results, records of other programs, or lists by frame.
+
+    It must name its cameras, unless `wanted` states the camera.
 
     Raises:
-        InputError: it is not JSON, or of none of the forms that the module lists.
+        InputError: it is not JSON, in none of these forms, or the camera is not known.
     """
     camera, ignore_extra = wanted.camera, wanted.ignore_extra
     value = _load(path)
@@ -89,7 +91,10 @@ def _no_object(path: Path, n: int, record: object) -> InputError:
 
 
 def _load(path: Path) -> Any:
-    """Value of a JSON file; a list of values for one value per line."""
+    """Value of a JSON file; for one with a value on each line, the list of these.
+
+    InputError if it is neither, too large, or not UTF-8.
+    """
     if path.stat().st_size > MAX_BYTES:
         raise InputError(
             f"{path}: {path.stat().st_size} bytes; JSON of at most {MAX_BYTES} can be read; split it",
@@ -118,13 +123,13 @@ def _rows(
     ignore_extra: bool,
     skip: Sequence[str] = (),
 ) -> Iterator[CsvRows]:
-    """Convert records to rows, in chunks.
+    """Yield rows made of JSON records, in chunks.
 
     Args:
-        path: of the file.
+        path: the file.
         records: each with additional cells that override its own.
-        camera: that the user states; None: records name it.
-        ignore_extra: unknown keys are not used.
+        camera: the one that the user states; None: records name it.
+        ignore_extra: skip unknown keys instead of refusing them.
         skip: keys that are not used.
     """
     for start in range(0, len(records), ROWS_PER_CHUNK):
@@ -137,9 +142,17 @@ def _rows(
 
 
 def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
-    """Cells of one record, by occlog column names; InputError for unknown keys unless `ignore_extra`.
+    """Cells of one JSON record as text, by occlog's column names; boxes are split into edges or sizes.
 
-    `n` is the record's number for messages, `skip` are keys that are not used.
+    Args:
+        path: the file.
+        n: number of the record, for messages.
+        record: JSON object.
+        ignore_extra: skip unknown keys instead of refusing them.
+        skip: keys that are not used.
+
+    Raises:
+        InputError: a key is unknown, two keys have one meaning, or a value is invalid.
     """
     if not isinstance(record, dict):
         raise _no_object(path, n, record)
@@ -185,9 +198,9 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
 
 
 def _text(path: Path, n: int, key: str, value: object) -> str:
-    """Convert the value of `key` in entry `n` to the text of a cell; empty for null.
+    """Text of a cell from a JSON value; empty for null. InputError for lists, objects and Booleans.
 
-    InputError for lists and the like.
+    `n` and `key` are the number of the entry and the key, for the message.
     """
     if value is None:
         return ""
@@ -197,9 +210,9 @@ def _text(path: Path, n: int, key: str, value: object) -> str:
 
 
 def _image_number(path: Path, n: int, record: Record) -> str:
-    """Frame of a COCO result's image: its number, or the last number in its name.
+    """Frame number, as text, of a COCO result: its `image_id`, or the last number in it if it is a file name.
 
-    `n` is the entry's number, for messages.
+    InputError if there is none; `n` is the number of the entry.
     """
     image = record.get("image_id")
     found = last_number(Path(image).stem) if isinstance(image, str) else None
@@ -213,9 +226,15 @@ def _image_number(path: Path, n: int, record: Record) -> str:
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
-    """Convert a COCO data set to rows; frames and cameras are those of its images.
+    """Boxes of a COCO data set; frames and cameras are those of its images, and crowds (`iscrowd`) are left out.
 
-    `camera` is that which the user states; None: images name it.
+    Args:
+        path: the file.
+        value: its JSON object.
+        camera: the one that the user states; None: images name it.
+
+    Raises:
+        InputError: two images are of one frame, an annotation is of no image, or an entry is invalid.
     """
     images: dict[object, dict[str, str]] = {}
     seen: dict[tuple[str, str], object] = {}
@@ -260,7 +279,7 @@ def _categories(path: Path, categories: object) -> dict[object, str]:
     """Names of the COCO classes by their ids.
 
     Args:
-        path: file, for messages.
+        path: the file, for messages.
         categories: value of `categories` in the file.
 
     Raises:
@@ -287,7 +306,14 @@ def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Ite
 
 
 def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
-    """Frame and camera of the COCO image number `n` as cells; without the camera if the user states it (`camera`)."""
+    """Frame and camera of a COCO image as cells; without the camera if the user states it (`camera`).
+
+    The frame is the number that the image states, or the last number in its file name; the camera the one that it
+    states, or its folder. `n` is the number of the image, for messages.
+
+    Raises:
+        InputError: the image has no id, frame number or camera.
+    """
     if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
         raise InputError(f"{path}: image {n}: has no id", id="missing-value")
     name = str(image.get("file_name", ""))
@@ -324,7 +350,7 @@ def _folder(image: Record) -> Path:
 
 
 def _origin(image: Record) -> str:
-    """Camera that a COCO image names, or else its folder and video."""
+    """Text on where a COCO image is from: the camera that it names, or else its folder and video."""
     if image.get("camera"):
         return f"camera {image['camera']}"
     video = f", video {image['video_id']}" if "video_id" in image else ""
@@ -332,7 +358,15 @@ def _origin(image: Record) -> str:
 
 
 def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: str) -> None:
-    """InputError if image number `n` has another origin than the first one of its camera (`first`)."""
+    """InputError if a COCO image is from another camera, folder or video than the first image of its camera.
+
+    Args:
+        path: the file.
+        n: number of the image, for messages.
+        image: the COCO image.
+        camera: the one that the user states; None: images name it.
+        first: origin of the first image, as `_origin` returns it.
+    """
     if _origin(image) == first:
         return
     owner = f"camera {camera or _camera_of(image)}"
@@ -345,7 +379,13 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
 
 
 def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:
-    """Box, class, score and identity of the COCO annotation number `n`, as cells; `names` are those of the classes."""
+    """Box, class, score and identity of a COCO annotation, as cells.
+
+    `n` is its number, for messages; `names` are the names of the classes by id.
+
+    Raises:
+        InputError: its bbox is not a list of four numbers.
+    """
     box = annotation.get("bbox")
     if not isinstance(box, list) or len(box) != 4:
         raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; expected [left, top, width, height]")

@@ -73,14 +73,17 @@ def note_times(
     stamps: dict[str, dict[int, int]],
     heads: dict[str, CsvRows] | None = None,
 ) -> None:
-    """Collect the time of every frame with rows; InputError if a frame has two times.
+    """Collect the time of every frame that has rows, if the file has a column of times.
 
     Args:
-        rows: of the file, as text.
+        rows: rows of the file, as text.
         boxes: the same rows as numbers.
         cameras: names by index.
-        stamps: time [ns] by camera and frame, updated.
-        heads: first row of each camera, updated; None: not collected.
+        stamps: time [ns] by camera and frame; extended in place.
+        heads: first row of each camera; extended in place; None: not collected.
+
+    Raises:
+        InputError: a frame of a camera has two times.
     """
     unit = time_column(rows)
     if unit is None:
@@ -101,12 +104,17 @@ def note_times(
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
-    """Compute the times of the frames first <= frame < stop; those without a row are evenly spaced between neighbours.
+    """Times of frames 0 to `stop` - 1 from those of some frames; others are interpolated, or extrapolated evenly.
 
-    `found` has the time [ns] of each frame with a row.
+    Args:
+        found: time [ns] of each frame with a row.
+        first: first frame that is needed.
+        stop: frame after the last.
+        where: file and camera, for messages.
 
     Raises:
-        InputError: no frame has a time, or times go back, repeat or reach too far.
+        InputError: no frame has a time, only one has and several are needed, or times do not increase or are out of
+            range.
     """
     if not found:
         raise InputError(f"{where}: no frame of a camera has a time; give the frame rate", id="missing-times")
@@ -157,7 +165,7 @@ frames, and where it has those with boxes alone."""
 
 
 def counter_bits(before: int, after: int) -> int:
-    """Size of the counter that began again between two frame numbers; 0 if none did."""
+    """Number of bits (8, 16 or 24) of a counter that overflowed between two successive frame numbers; 0 if none did."""
     ends = (bits for bits in COUNTER_BITS if after < COUNTER_SLACK and 0 < 2**bits - before <= COUNTER_SLACK)
     return next(ends, 0)
 
@@ -167,18 +175,18 @@ class BoxOptions:
     """Options for reading box files.
 
     Attributes:
-        frames: frames that are chosen; of a camera without a choice those from the first to the last in the files.
-        first_number: number that is frame 0, where neither the format nor `BoxFile` states it.
+        frames: frames that are selected; of a camera without a selection those from the first to the last in the files.
+        first_number: number of frame 0, if neither the format nor `BoxFile` states it.
         confidence_scale: number by which confidences are divided.
-        scores: what a confidence is: `probability`; `logit`: any number, converted by the logistic function;
-            `unknown`: of no use, so that it is not kept.
+        scores: what a confidence is: `probability`; `logit`: any number, converted by the logistic function; `unknown`:
+            of no use, so that it is not kept.
         ignore_extra: skip unknown columns instead of refusing them.
-        drop_zero: omit boxes with a confidence that is 0.
-        use_confidence: false: confidences, which may then be any number, are not kept.
-        classes: classes that are requested, by number or name; empty: the boxes must all be of one class; None: classes
-            are ignored.
+        drop_zero: omit boxes with a confidence of 0.
+        use_confidence: False: confidences, which may then be any number, are not kept.
+        classes: classes that are read, by number or name; empty: the boxes must all be of one class; None: classes are
+            ignored.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
-        others: cameras that are none of those known are taken under their own names.
+        others: cameras that match none of the known ones are accepted under their own names.
         lenient: boxes without a size, and copies, are left out and counted; otherwise the first one is an error.
     """
 
@@ -199,9 +207,9 @@ class BoxFile(NamedTuple):
     """A file or folder of boxes.
 
     Attributes:
-        path: where it is.
+        path: the file or folder.
         camera: the camera; None: the file itself names the cameras.
-        first_number: number that is frame 0; None: as the format or the options state.
+        first_number: number of frame 0; None: as the format or the options state.
     """
 
     path: Path
@@ -216,21 +224,20 @@ class BoxSurvey:
     Attributes:
         cameras: names of the cameras.
         ranges: frames of each camera: from its first to its last box, in its step; empty without any box.
-        ordered: frames do not go back in any file.
-        times: times of frames, from the files' own column of times.
-        rows: number of boxes in these frames.
+        ordered: frame numbers do not decrease in any file.
+        times: frame times by camera, from the files' own column of times.
+        rows: number of boxes in the selected frames.
         beyond: number of boxes in other frames.
-        given: frames that are stated: a camera has all of them.
-        reach: how many frames without a box a camera may have had before its range and after it.
-        recorded: number of frames of cameras of which it is known.
+        given: selection of frames; a camera has all frames in its selected range.
+        reach: by camera, how many frames without a box it may have had before its range and after it.
+        recorded: number of frames of the cameras for which it is known from video.
         kinds: formats of the files, in words.
-        classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
-        left_out: the same of boxes of other classes.
+        classes: number of boxes that are read, by class; one without a name: not stated.
+        left_out: number of boxes of other classes, by class.
         shares: cameras with boxes in shares of the image.
         of_files: cameras of each file; a camera is in one.
         sizes: width and height of the images [px] by camera, where files state it.
-        restarts: cameras with boxes without identities of which the numbers of frames begin again, once: the line, and
-            the frames before and after.
+        restarts: cameras with frame numbers that restart once: line number, and the frames before and after.
     """
 
     cameras: tuple[str, ...]
@@ -263,11 +270,15 @@ class BoxSurvey:
     def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
         """Frames of each camera from the first to the last time at which any camera has a box.
 
-        Times are relative to frame 0 of each camera, so that origins of clocks do not matter. A camera that did not run
-        all the time has the frames of its range.
+        Times are relative to frame 0 of each camera, so that origins of clocks do not matter. A camera with a selected
+        range, or that seems to have stopped recording, has only the frames of its own range; so have all if the rates
+        are unknown.
+
+        Args:
+            times: frame times by camera.
 
         Raises:
-            UsageError: a camera has no times.
+            UsageError: a camera has no times, or one range of frames is selected for cameras of different frame rates.
         """
         own = {name: (each, times_of(name, times)) for name, each in self.ranges.items()}
         self._check_rates({n: t.interval_ns() for n, (_, t) in own.items() if n not in self.given.own})
@@ -288,9 +299,9 @@ class BoxSurvey:
         return frames
 
     def _check_rates(self, intervals: Mapping[str, float]) -> None:
-        """UsageError for one frame range of cameras with unequal frame rates, since it means different times.
+        """UsageError if one range of frame numbers is selected for cameras of different frame rates.
 
-        `intervals` has the time from frame to frame of each camera [ns].
+        It would mean other times in each camera. `intervals` has the time from frame to frame of each camera [ns].
         """
         known = {name: step for name, step in intervals.items() if math.isfinite(step) and step > 0}
         if not self.given.common or not known:
@@ -312,9 +323,13 @@ RATES_DIFFER = 1.5
 
 
 def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
-    """Extend a range of frames, in its steps, back to `before` (exclusive) and on to `last` (inclusive).
+    """Extend a range of frames, in its steps, down to `before` + 1 and up to `last`; an empty one becomes that range.
 
-    The result may be empty. An end that would need more than `reach` additional frames is unchanged.
+    Args:
+        own: range of a camera.
+        before: last frame before the extended range.
+        last: its last frame.
+        reach: most frames that may be added before and after; an end that would need more is unchanged.
     """
     if not own:
         return range(max(before + 1, 0), last + 1)
@@ -325,13 +340,17 @@ def _extended(own: range, before: int, last: int, reach: tuple[float, float]) ->
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
-    """Survey cameras, frame ranges and times of the files.
+    """Read the box files once to find their cameras, frame ranges, times and classes.
 
     Args:
         files: the files, of any mix of formats.
-        known: names of the cameras of the scene; labels in a file are matched with them,
-            and are used as they are where `known` is empty.  Of files without any box they are the cameras.
+        known: names of the cameras of the scene, with which labels in a file are matched; empty: labels are used as
+            they are. If the files have no box, these are the cameras.
         options: how to read the files.
+
+    Raises:
+        InputError: there is no box and no selection of frames, boxes of several classes, or boxes that seem to be in
+            shares of the image rather than pixels.
     """
     found = _BoxScan()
     for file in files:
@@ -379,7 +398,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
 
 
 def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
-    """Number of boxes of each class in a file; the empty tuple counts those without a class name."""
+    """Number of boxes in a file by class (all labels of a box, in lower case); nothing if the file has no classes."""
     source = _open(file, (), BoxOptions(ignore_extra=True))
     found: Counter[tuple[str, ...]] = Counter()
     for chunk in source.chunks:
@@ -389,10 +408,20 @@ def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
 
 @dataclass
 class _CameraFrames:
-    """Frames of one camera: lowest and highest number, and step in which all can be counted.
+    """Frame numbers of one camera in box files: range, step, and where they decrease.
 
-    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones;
-    `backs` where they go back in the file, `first_low` and `last_high` the lowest one before and the highest one after.
+    Attributes:
+        low: lowest frame number.
+        high: highest frame number.
+        step: greatest common divisor of the differences from the lowest number.
+        listed: number of frames that the file lists, with or without boxes.
+        boxed: number of frames with boxes, counted in each part of the file.
+        ends: number of boxes in the lowest and highest `END_FRAMES` frames with boxes.
+        last: last frame number read.
+        first_low: lowest frame number before the first decrease.
+        last_high: highest frame number after it.
+        backs: (line, frame before, frame after) of the first two decreases.
+        by_frame: rows have neither identities nor classes, by which they could be sorted.
     """
 
     low: int = 0
@@ -409,9 +438,10 @@ class _CameraFrames:
 
     @property
     def restart(self) -> tuple[int, int, int] | None:
-        """Line at which frame numbers restart, with the frames before and after.
+        """(line, frame before, frame after) at which the frame numbers restart; None unless they do so exactly once.
 
-        None unless they do so exactly once.
+        Either a counter of 8, 16 or 24 bits overflows, or rows that are sorted by frame begin again near the lowest
+        number.
         """
         if len(self.backs) != 1 or self.boxed < MIN_BOX_FRAMES:
             return None
@@ -425,7 +455,7 @@ class _CameraFrames:
         return self.backs[0] if after - self.low <= near and before - after > near and overlap else None
 
     def follow(self, rows: CsvRows, frames: Ints) -> None:
-        """Check the order of frames of one camera's rows, and note where they decrease."""
+        """Note where the frame numbers (n,) of the camera's next rows decrease, with the lines of the rows."""
         before = np.concatenate([[self.last], frames[:-1]])
         found = np.flatnonzero(frames < before)[: 2 - len(self.backs)].tolist()
         begin = len(frames) if not (found or self.backs) else 0 if self.backs else found[0]
@@ -436,11 +466,11 @@ class _CameraFrames:
 
     @property
     def count(self) -> int:
-        """Number of frames of the camera, with boxes or listed by the file."""
+        """Number of frames of the camera that are listed by the file, or that have boxes; the larger of both."""
         return max(self.listed, self.boxed)
 
     def take(self, frames: Ints, *, listed: bool = False) -> None:
-        """Extend the range by frames: listed ones, or the frame of each box."""
+        """Add frame numbers (n,): those that the file lists (`listed`), or that of each box."""
         if not len(frames):
             return
         low, high = int(frames.min()), int(frames.max())
@@ -460,14 +490,18 @@ class _CameraFrames:
 
     @property
     def range(self) -> range:
-        """Frames from the lowest to the highest, in their step."""
+        """Frames from the lowest to the highest in their common step; step 1 if the camera has few frames."""
         enough = self.count >= (MIN_LISTED_FRAMES if self.listed else MIN_BOX_FRAMES)
         step = self.step if enough and self.step else 1
         return range(self.low, self.high + step, step)
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Plausible numbers of frames without a box before and after the range."""
+        """How many frames without a box the camera may have had before its lowest and after its highest frame.
+
+        0 if the file lists its frames; few if several boxes are in the first or last frames, as if recording began or
+        ended there; else infinitely many.
+        """
         if self.listed > self.boxed and self.listed >= MIN_LISTED_FRAMES:
             return 0.0, 0.0
         order = sorted(self.ends)
@@ -479,9 +513,11 @@ class _CameraFrames:
 
 
 def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
-    """Frames of a camera: those chosen (first, and one after the last) in the step of its file.
+    """Frames of a camera: the selected ones (first, stop) in the step of its file, or those from its first to its last.
 
-    Without a choice (None), those from its first to its last.
+    Args:
+        found: frames of the camera in the files.
+        chosen: first frame and frame after the last; None: no selection.
     """
     own = found.range if found.count else range(0)
     if chosen is None:
@@ -492,7 +528,7 @@ def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
 
 
 def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> Bools:
-    """(n,) mask of the boxes in selected frames; `cameras` are names by index."""
+    """(n,) mask of the boxes in the frames that the selection has for their cameras; `cameras` are names by index."""
     chosen = np.ones(len(boxes.frame), dtype=np.bool_)
     for n in np.unique(boxes.camera).tolist() if frames else ():
         if (own := frames.of(cameras[n])) is not None:
@@ -502,9 +538,13 @@ def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> 
 
 
 def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
-    """Times of the frames of each camera with a time column, over the interval in which any of them has a box.
+    """Frame times of each camera with a column of times, from frame 0 to the last time at which any camera has a box.
 
-    At least of the frames first <= frame < stop; `where` names the file in messages.
+    Args:
+        found: times of frames by camera.
+        first: first frame that is needed.
+        stop: frame after the last that is needed at least.
+        where: the files, for messages.
     """
     ends: dict[str, float] = {}  # of each camera: time from frame 0 to its last one, and from frame to frame [ns]
     steps: dict[str, float] = {}
@@ -525,7 +565,10 @@ def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[st
 
 
 def _check_units(found: _BoxScan, steps: Mapping[str, float]) -> None:
-    """InputError if frames of a camera are as far apart [ns] as if its times were in another unit than the others'."""
+    """InputError if the time stamps of one camera seem to be in another unit than those of the others.
+
+    `steps` has the time from frame to frame of each camera [ns].
+    """
     for name, step in steps.items():
         usual = float(np.median([each for other, each in steps.items() if other != name] or [step]))
         if min(step, usual) > 0.0 and is_unit_factor(step / usual) and (step > usual or len(steps) > 2):
@@ -538,7 +581,7 @@ def _check_units(found: _BoxScan, steps: Mapping[str, float]) -> None:
 
 @dataclass
 class _BoxScan:
-    """What a survey of box files has found so far."""
+    """What a survey of box files has found so far: cameras, frames, times, classes, image sizes and counts."""
 
     cameras: list[str] = field(default_factory=list)
     stamps: dict[str, dict[int, int]] = field(default_factory=dict)
@@ -558,7 +601,7 @@ class _BoxScan:
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def take(self, name: str, frames: Ints, *, listed: bool = False) -> None:
-        """Add frames of the camera `name` to its range; `listed`: the file lists them, with or without boxes."""
+        """Add frame numbers (n,) of the camera `name`; `listed`: the file lists these frames, with or without boxes."""
         self.frames.setdefault(name, _CameraFrames()).take(frames, listed=listed)
 
 
@@ -623,18 +666,18 @@ def read_boxes(
     table: type[B],
     losses: list[Loss] | None = None,
 ) -> Iterator[B]:
-    """Read tables of boxes with a row for every frame of every camera.
+    """Yield tables of boxes with a row for every frame of every camera; frames without a box have `box` = -1.
 
     Memory is bounded for files sorted by frame; others are sorted as a whole.
 
     Args:
-        files: as for `survey_boxes`.
-        survey: what it found.
-        times: times of the frames of each camera.
-        known: as for `survey_boxes`.
+        files: files of the survey, in its order.
+        survey: result of `survey_boxes` for these files.
+        times: frame times by camera.
+        known: names of the cameras of the scene, with which labels in a file are matched.
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
-        losses: gets the boxes that are left out, after the last table, if the options are `lenient`.
+        losses: the boxes that are left out are added after the last table, if the options are `lenient`.
     """
     ranges = survey.frames(times)
     unusable = UnusableBoxes() if options.lenient else None
@@ -661,7 +704,9 @@ def read_boxes(
 
 
 def box_source(path: Path) -> BoxSource:
-    """Open a box file of any format; a file without camera names is of a camera named after the file.
+    """Open a box file of any format, and read its first rows.
+
+    A file without camera names is of a camera named after it.
 
     Raises:
         InputError: it is not a box file, or cannot be read.
@@ -678,13 +723,13 @@ def box_source(path: Path) -> BoxSource:
 
 
 def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
-    """Convert the rows of a file to boxes; InputError with the position of an impossible box.
+    """Convert rows of a box file to numbers; InputError, with the position, for an impossible box.
 
-    Confidences may have any range.
+    Confidences may be any number, and are converted to 0 to 1 by the logistic function.
 
     Args:
         rows: of a `BoxSource`.
-        cameras: names of the cameras so far; new ones are added.
+        cameras: names of the cameras so far; new ones are appended.
         first_number: number of frame 0.
     """
     options = BoxOptions(first_number=first_number, scores="logit")
@@ -695,7 +740,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
 
 
 def is_json(probe: Probe) -> bool:
-    """Whether a file begins like a JSON list or object."""
+    """Whether a file, which no reader plug-in reads, begins like a JSON list or object."""
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 
@@ -714,7 +759,7 @@ FORMATS: dict[str, BoxFormat] = {
 
 
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
-    """Open the file in the format recognised from its content; `known` are names of cameras that labels may mean."""
+    """Open a box file in the format that its content shows; labels of cameras may mean `known` (names in use)."""
     probe = Probe(file.path, WHAT)
     name = recognise(FORMATS, probe)
     assert name is not None
@@ -724,7 +769,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
 
 
 def _check_corner(path: Path, names: set[str]) -> None:
-    """InputError for boxes with columns x and y without a statement which point of the box they are.
+    """InputError if boxes have columns x and y, which may be a corner or the centre, and no column of a left edge.
 
     `names` are those of all columns.
     """
@@ -737,7 +782,7 @@ def _check_corner(path: Path, names: set[str]) -> None:
 
 
 def _numbering(file: BoxFile, source: BoxSource, options: BoxOptions) -> BoxOptions:
-    """The options with the number of frame 0 in this file."""
+    """Copy of the options with the number of frame 0 that the format or else the user states for this file."""
     own = [n for n in (source.first_number, file.first_number) if n is not None]
     return replace(options, first_number=own[0]) if own else options
 
@@ -751,16 +796,16 @@ def _read(
     left_out: Counter[tuple[str, ...]],
     unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Generate rows of a file as text and as numbers.
+    """Yield the usable rows of a box file in parts, each as text and as numbers; boxes of other classes are left out.
 
     Args:
         file: with the camera that the user states, if any.
-        source: its chunks.
+        source: its content.
         cameras: names by index; new ones are appended.
         known: names of cameras that labels may mean.
         options: of the reader.
         left_out: number of boxes of other classes, updated.
-        unusable: boxes that cannot be used are counted in it; None: they are an error.
+        unusable: boxes without a valid size are counted in it; None: they are an error.
     """
     meant: dict[str, str] = {}
     label = ""
@@ -792,11 +837,11 @@ def _number_cameras(
     options: BoxOptions,
     meant: dict[str, str],
 ) -> Ints:
-    """Return the (n,) index in `cameras` of each row's camera, matching names to the known ones.
+    """(n,) index in `cameras` of each row's camera, after matching labels with known names.
 
     Args:
         file: with the camera that the user states, if any.
-        rows: n of them.
+        rows: n rows of the file.
         labels: (n,) cameras as in the file; None: the file names none.
         cameras: names by index; new ones are appended.
         known: names of cameras that labels may mean.
@@ -819,9 +864,17 @@ def _number_cameras(
 def _matched(
     labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions, meant: dict[str, str]
 ) -> list[str]:
-    """Camera of each label; InputError that lists labels without a camera, or two labels of one camera.
+    """Name of the camera that each label means; labels themselves if no names are known.
 
-    `known` are the names of cameras that labels may mean, `meant` has the label of each camera so far.
+    Args:
+        labels: as in the file.
+        known: names of cameras that they may mean.
+        file: for messages.
+        options: `others` accepts labels that mean none of the known cameras.
+        meant: label of each camera so far, updated.
+
+    Raises:
+        InputError: a label means no known camera, or two labels mean the same one.
     """
     if not known:
         return list(labels)
@@ -867,10 +920,19 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
 def _edges(
     rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Left, top, width and height, each (n,) [px]; or in shares of the image, if image sizes are not known yet.
+    """Left, top, width and height of boxes, each (n,) [px].
 
-    Empty cells and NaN are NaN if the options are `lenient`, else an error. `camera` (n,) has the index in `cameras` of
-    each row's camera.
+    In shares of the image, if the file has these and image sizes are not known yet. Empty cells are NaN if the options
+    are `lenient`, else an error.
+
+    Args:
+        rows: n rows of the file.
+        camera: (n,) index of each row's camera.
+        cameras: names by index.
+        options: has the image sizes.
+
+    Raises:
+        UsageError: the file has shares of the image, and the size of a camera's images is missing.
     """
     blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):
@@ -895,14 +957,17 @@ def _edges(
 
 
 def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
-    """(n,) widths or heights [px]; InputError if a far edge given in addition contradicts the size.
+    """(n,) widths or heights of boxes [px], from a column of sizes or of far edges.
 
     Args:
-        rows: n of them.
+        rows: n rows of the file.
         size: name of the column with the size.
         far: name of the column with the far edge.
         near: (n,) near edges [px].
         blank: empty cells are NaN rather than an error.
+
+    Raises:
+        InputError: the file has both columns, and they contradict each other.
     """
     if not rows.has(size):
         return rows.floats(far, blank=blank) - near
@@ -916,7 +981,10 @@ def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floa
 
 
 def _confidence(rows: CsvRows, options: BoxOptions) -> Floats:
-    """(n,) confidences, converted as the options state; NaN if missing or not used."""
+    """(n,) confidences, divided by the scale or converted by the logistic function as the options state.
+
+    NaN if missing, -1 (except for logits), or not used.
+    """
     if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
         return np.full(len(rows), np.nan)
     given = rows.floats("confidence", blank=True)

@@ -30,7 +30,11 @@ MAX_UNUSABLE = 0.5
 
 
 class FileBoxRows(NamedTuple):
-    """Boxes as listed in a file; `camera` is the index among those in use."""
+    """Boxes as listed in a file, in columns (n,), before they become a table.
+
+    `camera` is an index among the names in use; left, top, width and height are in px. Frames count from 0; the
+    identity is -1 and the confidence NaN if there is none.
+    """
 
     frame: Ints
     camera: Ints
@@ -42,16 +46,23 @@ class FileBoxRows(NamedTuple):
     confidence: Floats
 
     def pick(self, rows: Ints) -> FileBoxRows:
-        """Select rows by indices `rows`, in their order."""
+        """The rows with the given indices, in the order of these."""
         return FileBoxRows._make(column[rows] for column in self)
 
 
 @dataclass
 class UnusableBoxes:
-    """Counts of unusable boxes, by camera and kind of fault.
+    """Counts of unusable boxes in a file, by camera and kind of fault.
 
-    Detectors write some: without a width, with NaN, twice.  Where they are more than `MAX_UNUSABLE` of a file, its
-    columns mean something else, and the first of them is an error.  `frames` has first and last ones of each camera.
+    Detectors write some: without a width, with NaN, twice. If they are more than `MAX_UNUSABLE` of a file, its columns
+    mean something else, and the first of them is an error.
+
+    Attributes:
+        counts: number of boxes by (camera, kind of fault).
+        first: position of the first box, by (camera, kind of fault).
+        error: error for the first box without a size; None: there is none.
+        rows: number of all boxes.
+        frames: lowest and highest frames of such boxes, by camera.
     """
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -66,7 +77,7 @@ class UnusableBoxes:
         self.first.setdefault((camera, kind), place)
 
     def check(self) -> None:
-        """Raise the error of the first unusable box if there are too many of them."""
+        """Raise the error for the first box without a size if more than `MAX_UNUSABLE` of all boxes are unusable."""
         if self.error is not None and self.counts.total() > MAX_UNUSABLE * self.rows:
             raise self.error
 
@@ -81,16 +92,16 @@ class UnusableBoxes:
 def usable(
     rows: CsvRows, boxes: FileBoxRows, cameras: Sequence[str], unusable: UnusableBoxes | None
 ) -> tuple[CsvRows, FileBoxRows]:
-    """Select the boxes with a valid size; others are counted as unusable.
+    """The boxes with a valid size, as text and as numbers; others are counted in `unusable`.
 
     Args:
-        rows: of a file.
-        boxes: the same as numbers.
-        cameras: names by number.
-        unusable: gets the others; None: the first of them is an error.
+        rows: n rows of a file, as text.
+        boxes: the same rows as numbers.
+        cameras: names by index.
+        unusable: updated; None: the first unusable box is an error.
 
     Raises:
-        InputError: with the line, of an impossible size, identity or confidence (0 to 1).
+        InputError: a box has an impossible size, identity or confidence; with its line.
     """
     bad = ~((boxes.width > 0) & (boxes.height > 0) & np.isfinite(boxes.left) & np.isfinite(boxes.top))
     if bad.any():
@@ -115,7 +126,7 @@ def usable(
 
 
 def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
-    """The boxes; InputError with the line of one with an impossible edge, identity or confidence (0 to 1)."""
+    """Return `boxes`; InputError, with the line in `rows`, for an impossible edge, identity or confidence (0 to 1)."""
     far = np.max(np.abs([boxes.left, boxes.top, boxes.width, boxes.height]), axis=0)
     if (far > MAX_EDGE_PX).any():
         row = int(np.flatnonzero(far > MAX_EDGE_PX)[0])
@@ -139,7 +150,7 @@ def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
 
 
 def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
-    """(n,) hashes of rows: equal for rows equal in all columns, and almost never for others."""
+    """(n,) 64-bit hashes of rows, given as columns (n,): equal for equal rows, and almost never for others."""
     out = np.zeros(len(columns[0]), dtype=np.uint64)
     for column in columns:
         bits = column + 0.0 if column.dtype.kind == "f" else column.astype(np.int64)  # -0 is 0
@@ -154,9 +165,13 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
 def without_copies(
     chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path, unusable: UnusableBoxes | None
 ) -> Iterator[FileBoxRows]:
-    """Generate the chunks, whole frames each, without duplicate boxes.
+    """Yield the chunks without exact duplicates of boxes in a frame.
 
-    Duplicates are counted in `unusable`; if it is None, the first one is an InputError. `cameras` are names by index.
+    Args:
+        chunks: rows, with whole frames in each chunk.
+        cameras: names by index.
+        path: the file, for messages.
+        unusable: duplicates are counted in it; None: the first one is an InputError.
     """
     for rows in chunks:
         _, first = np.unique(fingerprints(rows), return_index=True)
@@ -177,9 +192,12 @@ def without_copies(
 
 
 def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """Generate the chunks, whole frames each; InputError if an identity has two boxes in one frame of a camera.
+    """Yield the chunks unchanged; InputError if an identity has two boxes in one frame of a camera.
 
-    `cameras` are names by index.
+    Args:
+        chunks: rows, with whole frames in each chunk.
+        cameras: names by index.
+        path: the file, for messages.
     """
     for rows in chunks:
         named = rows.pick(np.flatnonzero(rows.target_id >= 0))
@@ -202,10 +220,10 @@ def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
 
 
 def in_frames(chunks: Iterator[FileBoxRows], first: int, stop: int) -> Iterator[FileBoxRows]:
-    """Rechunk rows to whole frames, first <= frame < stop.
+    """Rechunk the rows of frames first <= frame < stop so that no frame is split; rows are sorted by frame and camera.
 
     Raises:
-        ValueError: the frames are not in order.
+        ValueError: frame numbers decrease.
     """
     held: list[FileBoxRows] = []
     last = first - 1
@@ -232,16 +250,16 @@ def fill_frames(
     ranges: Sequence[range],
     times: Mapping[str, FrameTimes],
 ) -> Iterator[B]:
-    """Tables of boxes in which every frame of every camera has at least one row.
+    """Yield tables of boxes in which every frame of every camera has at least one row.
 
     A frame without a box gets a row with `box` = -1: the frame has no detection.
 
     Args:
-        chunks: rows in order of frames, whole frames each (`in_frames`).
+        chunks: rows sorted by frame, with whole frames in each chunk (`in_frames`).
         table: `Boxes` or `TruthBoxes`.
-        cameras: names by number.
+        cameras: names by index.
         ranges: frames of each camera.
-        times: times of the frames of each camera.
+        times: frame times by camera.
     """
     done = min((each.start for each in ranges), default=0)
     for chunk in chunks:
@@ -286,16 +304,16 @@ def _table(
     times: Mapping[str, FrameTimes],
     ranges: Sequence[range],
 ) -> B:
-    """Table of the frames first <= frame < stop that are in the cameras' ranges; frames without a box have a row, too.
+    """Table of the frames first <= frame < stop in the cameras' ranges; a frame without a box has a row, too.
 
     Args:
-        rows: of these frames, sorted by frame and camera.
-        table: its type.
+        rows: boxes of these frames, sorted by frame and camera.
+        table: type of the table.
         cameras: names by index.
         first: first frame.
         stop: frame after the last.
-        times: of the frames, by camera.
-        ranges: frames of each camera.
+        times: frame times by camera.
+        ranges: frames of each camera, in the order of `cameras`.
     """
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
@@ -341,7 +359,10 @@ def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
 
 
 def check_range(first: int, stop: int, where: str) -> None:
-    """InputError for an empty or excessively long range of frames first <= frame < stop."""
+    """InputError if no frame is in first <= frame < stop, or more than 100 million are.
+
+    `where` names the files, for the message.
+    """
     if stop <= first:
         raise InputError(
             f"{where}: no row is in frames {first} to {stop}; give another range of frames", id="empty-input"
@@ -351,7 +372,10 @@ def check_range(first: int, stop: int, where: str) -> None:
 
 
 def class_labels(rows: CsvRows) -> list[tuple[str, ...]]:
-    """Class labels of rows in lower case, numbers without fraction: `("0", "person")`."""
+    """Labels of each row's class from all columns of classes, in lower case: `("0", "person")`.
+
+    Empty without such columns.
+    """
     columns = []
     for key in CLASS_KEYS:
         if rows.has(key):
@@ -370,7 +394,7 @@ def _plain(cell: str) -> str:
 
 
 def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
-    """(n,) mask of the rows of one of the classes; InputError if the file has no classes."""
+    """(n,) mask of the rows with one of the given classes (number or name); InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
         raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class", id="missing-column")
@@ -379,18 +403,18 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
 
 
 def in_words(classes: Counter[tuple[str, ...]]) -> str:
-    """Format classes with their numbers of boxes: `0 person (12), 2 car (3)`."""
+    """Text with classes and their numbers of boxes: `0 person (12), 2 car (3)`."""
     return ", ".join(f"{' '.join(label) or 'none'} ({count})" for label, count in sorted(classes.items()))
 
 
 def check_classes(
     where: str, wanted: Sequence[str], kept: Counter[tuple[str, ...]], all_: Counter[tuple[str, ...]]
 ) -> None:
-    """InputError if boxes of several classes would be taken for people, or no box has a requested class.
+    """InputError if no class is selected and boxes are of several, or no box is of a selected class.
 
     Args:
-        where: file, for messages.
-        wanted: requested classes; empty: none.
+        where: the files, for messages.
+        wanted: selected classes, by number or name; empty: none.
         kept: number of boxes that are read, by class.
         all_: number of all boxes, by class.
     """

@@ -40,16 +40,18 @@ MAX_SKEW_PX = 1.0
 
 @dataclass(frozen=True, eq=False)
 class CalibrationOptions:
-    """Options for values that some formats do not state.
+    """Options for values that some formats do not state; readers also add their notes and findings to it.
 
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
         image_size: width and height [px] of the images, for files that do not state it; None: not given.
-        lens_model: a key of `LENS_MODELS`, for files that have 4 coefficients and do not state of which model.
-        mirror: axis `x`, `y` or `z` of a left-handed world; rotations may then be mirrored.
-        notes: importers add their assumptions, as notes for users.
-        findings: importers add what may be wrong.
-        unused: importers add the keys that they do not use, each with the cameras that have it.
+        lens_model: a key of `LENS_MODELS`, for files with 4 coefficients that do not state their model; None: not
+            given.
+        mirror: axis `x`, `y` or `z` of a left-handed world, in which rotations may have determinant -1; None:
+            right-handed.
+        notes: assumptions of the readers, for users.
+        findings: what may be wrong.
+        unused: keys of files that are not used, each with the cameras that have it.
     """
 
     unit: str | None = None
@@ -61,7 +63,7 @@ class CalibrationOptions:
     unused: dict[str, list[str]] = field(default_factory=dict)
 
     def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
-        """Record, for a note, those of the keys of camera `name` that are not `known`, so that they are not used."""
+        """Add the keys of camera `name` that are not among `known` (lower case) to `unused`, for a note."""
         for key in keys:
             if key.lower() not in known:
                 self.unused.setdefault(key, []).append(name)
@@ -69,13 +71,13 @@ class CalibrationOptions:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Intrinsic and extrinsic parameters of one camera as a file states them.
+    """Intrinsic and extrinsic parameters of one camera as a file states them, not checked.
 
     Attributes:
         name: the camera's name.
         focal_px: focal lengths in x and y [px].
         principal_px: principal point [px].
-        rotation: (3, 3) camera-from-world, rows x right, y down, z forward.
+        rotation: (3, 3) camera-from-world; rows are the camera's axes x right, y down, z forward.
         centre: (3,) camera centre [m].
         image_size: width and height [px], None if not stated.
         lens: the distortion.
@@ -91,7 +93,7 @@ class Pose:
 
 
 def keys_of(*texts: str) -> frozenset[str]:
-    """Key names from texts with spaces between them."""
+    """Set of names from texts in which they are separated by spaces."""
     return frozenset(key for text in texts for key in text.split())
 
 
@@ -101,14 +103,14 @@ def mirror_matrix(axis: str | None) -> Floats:
 
 
 class ImageRegion(NamedTuple):
-    """Part of the sensor that the images show, and its scale."""
+    """Part of the sensor that the images show (region of interest), and its scale (binning)."""
 
     size: tuple[int, int]  # of the images [px]
     offset: Floats  # (2,) first pixel, in pixels of the sensor
     scale: Floats  # (2,) pixels of the image in one of the sensor
 
     def intrinsics(self, focal: Floats, principal: Floats) -> tuple[Floats, Floats]:
-        """Convert focal lengths and principal point of the sensor to those of the images.
+        """Focal lengths and principal point of the images, (2,) each [px], from those of the whole sensor.
 
         Pixel centres have integer coordinates.
         """
@@ -116,7 +118,10 @@ class ImageRegion(NamedTuple):
 
 
 def numbers(value: object, what: str) -> Floats:
-    """Convert a value to an array of finite numbers; InputError if it is not one."""
+    """Convert nested lists to an array of finite numbers.
+
+    InputError, which begins with `what`, if that is impossible.
+    """
     try:
         array = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
@@ -129,7 +134,12 @@ def numbers(value: object, what: str) -> Floats:
 def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     """InputError unless a matrix is [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with negligible skew.
 
-    MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0). `height` is that of the image [px].
+    A transposed one (MATLAB's `IntrinsicMatrix`) is refused with a hint.
+
+    Args:
+        matrix: any array.
+        height: of the image [px], at the edge of which the effect of the skew is limited.
+        where: file and camera, for messages.
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: expected a 3 x 3 camera matrix", id="invalid-calibration")
@@ -149,7 +159,7 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
 
 
 def yaml_values(text: str, path: Path) -> dict[str, object]:
-    """Values of a YAML file that has names at its top; InputError for anything else."""
+    """Values by name of a YAML text that is one mapping; InputError, with the file `path`, for anything else."""
     documents = yaml_documents(text, path, WHAT)
     values = documents[0] if len(documents) == 1 else None
     if not isinstance(values, dict):
@@ -158,17 +168,28 @@ def yaml_values(text: str, path: Path) -> dict[str, object]:
 
 
 def read_text(path: Path) -> str:
-    """Content of a calibration file; InputError unless it is a text of moderate size."""
+    """Text of a calibration file; InputError unless it is UTF-8 of moderate size."""
     return Probe(path, WHAT).text
 
 
 def scale_of(options: CalibrationOptions, own: str) -> float:
-    """Metres per length unit of the file; `own` is the format's unit, used unless another is stated."""
+    """Metres per length unit of a file: of the unit that the user states, else of the format's own unit `own`."""
     return UNITS[options.unit or own]
 
 
 def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
-    """Create the camera of a pose; InputError for impossible parameters. `where` names the file in messages."""
+    """Check parameters of a camera, and create the camera of the scene.
+
+    Notes on its lens, and findings about implausible values, are added to `options`.
+
+    Args:
+        pose: parameters as stated.
+        where: file and camera, for messages.
+        options: image size, lens model and axis to mirror, where files do not state them.
+
+    Raises:
+        InputError: a parameter is impossible, or the image size is unknown.
+    """
     if not pose.name.strip():
         raise InputError(f"{where}: a camera has no name; give it one", id="missing-value")
     focal = _vector(pose.focal_px, 2, "focal length", where)
@@ -230,7 +251,10 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
 
 
 def _other_middle(principal: Floats, size: tuple[int, int]) -> str:
-    """Description of how the stated image size contradicts the principal point (2,); '' if it may be right."""
+    """Text on how the image size seems wrong, judged by the principal point (2,) [px]; empty if it may be right.
+
+    Either width and height are exchanged, or the point is the middle of images larger or smaller by a factor.
+    """
     ratio = (principal + 0.5) / (0.5 * np.array(size))
     if not np.abs(ratio - 1.0).min() > OTHER_SIZE:
         return ""
@@ -250,9 +274,15 @@ def _vector(values: Sequence[float] | Floats, n: int, what: str, where: str) -> 
 
 
 def _rotation(matrix: Floats, mirrored: bool, where: str) -> Floats:
-    """Nearest rotation matrix; InputError for a matrix that is not a rotation, or has the determinant -1.
+    """Nearest rotation matrix (3, 3) to a stated one.
 
-    `mirrored`: for a left-handed world the negative of a matrix with determinant -1 is returned.
+    Args:
+        matrix: as stated.
+        mirrored: the world is left-handed: the negative of a matrix with determinant -1 is used.
+        where: file and camera, for messages.
+
+    Raises:
+        InputError: the matrix is not orthonormal to 0.001, or has determinant -1 and is not mirrored.
     """
     r = np.asarray(matrix, dtype=np.float64)
     if r.shape != (3, 3) or not np.isfinite(r).all():

@@ -22,12 +22,12 @@ LENS_MODELS = {"brown": "brown", "fisheye": "equidistant"}
 
 
 class Lens(NamedTuple):
-    """A lens as stated in a file.
+    """Lens distortion as stated in a file.
 
     Attributes:
-        model: `brown`, with OpenCV's 0 to 5, 8, 12 or 14 coefficients; `equidistant`, with 4; `tsai`, with 1; None: the
-            file does not state it.
-        coefficients: in OpenCV's order.
+        model: `brown`, with 0 to 5, 8, 12 or 14 coefficients of OpenCV; `equidistant`, with 4; `tsai`, with 1; None:
+            the file does not state it.
+        coefficients: in OpenCV's order k1, k2, p1, p2, k3, ...; of `equidistant` k1 to k4; of `tsai` kappa1 f^2.
     """
 
     model: str | None = "brown"
@@ -35,15 +35,15 @@ class Lens(NamedTuple):
 
 
 def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
-    """Convert a lens to a model of `COEFFICIENTS` with its number of coefficients.
+    """Lens with a model that a `Camera` has, and as many coefficients as the model has (padded with 0).
 
     Args:
-        lens: as stated.
+        lens: as stated in the file.
         wanted: the user's model for files that do not state theirs, a key of `LENS_MODELS`; None: not given.
-        where: for messages.
+        where: file and camera, for messages.
 
     Raises:
-        InputError: the model is unknown, or has another number of coefficients.
+        InputError: the model is ambiguous or contradicted, or the number of coefficients does not fit it.
     """
     given = np.asarray(lens.coefficients, dtype=np.float64).reshape(-1)
     if not np.isfinite(given).all():
@@ -85,13 +85,13 @@ def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
 def checked_lens(
     lens: Lens, size: tuple[int, int], focal: Floats, principal: Floats, where: str
 ) -> tuple[str, Floats, str]:
-    """Model and coefficients of a lens that is invertible within the image, and a note ('' if there is none).
+    """Model and coefficients of a lens that can be inverted within the image, and a note (empty if there is none).
 
     A Brown lens for which fixed-point inversion fails (strong pincushion distortion) is converted to OpenCV's complete
     model, which Newton's method inverts.
 
     Args:
-        lens: as stated.
+        lens: with as many coefficients as its model has.
         size: width and height of the image [px].
         focal: (2,) focal lengths [px].
         principal: (2,) principal point [px].
@@ -125,16 +125,16 @@ def checked_lens(
 
 
 def stated_coefficients(model: str, coefficients: Floats, counts: Sequence[int], where: str) -> Floats:
-    """Coefficients of a lens in OpenCV's order, reduced to a number that a format supports.
+    """Shortest list of coefficients, in OpenCV's order, by which a format can state a lens.
 
     Args:
         model: a key of `COEFFICIENTS`.
         coefficients: as many as the model has.
-        counts: numbers of coefficients of a polynomial lens that the format has, rising.
-        where: for messages.
+        counts: numbers of coefficients of a polynomial lens that the format supports, increasing.
+        where: format and camera, for messages.
 
     Returns:
-        The shortest that holds all that are not 0; four of an equidistant lens.
+        All coefficients that are not 0, padded to one of `counts`; four of an equidistant lens.
 
     Raises:
         InputError: the format has no such lens.

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 
 class CalibrationOutput(NamedTuple):
-    """One format.
+    """A calibration format that can be written.
 
     Attributes:
-        endings: of names of outputs that are of this format; those without a dot are folders.
-        doc: one line of what it is.
+        endings: endings of the names of its outputs; those without a dot are folders.
+        doc: one line on what it is.
     """
 
     endings: tuple[str, ...]
@@ -28,11 +28,11 @@ OUTPUTS = {
 
 
 def format_of(path: Path) -> str | None:
-    """Format that the name of an output implies, a key of `OUTPUTS`; None if it implies none."""
+    """Calibration format, a key of `OUTPUTS`, by the ending of an output's name; None if it states none."""
     low = path.name.lower()
     return next((name for name, of in OUTPUTS.items() if low.endswith(of.endings)), None)
 
 
 def is_folder(path: Path, format: str) -> bool:
-    """Whether the output of a format is a folder."""
+    """Whether the output `path` of a calibration format is a folder rather than a file."""
     return format != "kalibr" and path.suffix.lower() not in (".yml", ".yaml")

@@ -26,10 +26,12 @@ MARKED_POINTS = TextFormat(
 
 
 def read_marked_points(path: Path, cameras: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
-    """Read pixels (n, 2) and world positions (n, 3) of the marked points of each camera; z is 0 by default.
+    """Read points that were marked in images: by camera their pixels (n, 2) and world positions (n, 3) [scene unit].
+
+    z is 0 if the table has no such column.
 
     Raises:
-        InputError: a column is missing, a cell is not a number, or a camera is none of `cameras`.
+        InputError: a column is missing, a cell is not a number, or a camera is none of `cameras` (names).
     """
     found: dict[str, list[Floats]] = {}
     for part in read_format(path, MARKED_POINTS):

@@ -108,15 +108,15 @@ OF_CAMERAS = (
 
 
 class CalibrationFile(NamedTuple):
-    """Cameras, the format they were read as, and what is known of the whole.
+    """Cameras of calibration files, with format, unit, notes and checks.
 
     Attributes:
         cameras: in the order of the files.
         format: a key of `IMPORTERS`, or words for another source.
-        unit: of the lengths of the files.
+        unit: length unit of the files; cameras are in metres.
         notes: assumptions, in words.
-        mirror: the axis that is to change its sign; None: the world is right-handed.
-        checks: what may be wrong.
+        mirror: axis of the left-handed world that is yet to be negated; None: the world is right-handed.
+        checks: findings on unused keys, distances between cameras, and lenses.
     """
 
     cameras: tuple[Camera, ...]
@@ -130,15 +130,16 @@ class CalibrationFile(NamedTuple):
 def read_calibration(
     paths: Sequence[Path], format: str = "auto", options: CalibrationOptions | None = None
 ) -> CalibrationFile:
-    """Read the cameras of one or more calibration files of one format.
+    """Read the cameras of one or more calibration files of one format; lengths are converted to metres.
 
     Args:
-        paths: files; a folder represents all files in it, by name.
-        format: a key of `IMPORTERS`, or `auto`: found out from the content.
-        options: what the format does not state itself.
+        paths: files; a folder stands for all files in it, by name.
+        format: a key of `IMPORTERS`, or `auto`: recognised by the content of the first file.
+        options: what the format does not state itself; None: nothing is stated.
 
     Raises:
         InputError: the files are not of a known format, or do not describe cameras.
+        UsageError: a folder has no file, or the named format does not exist.
     """
     files = [file for path in paths for file in _files(path)]
     if not files:
@@ -164,7 +165,10 @@ def read_calibration(
 
 
 def _unused(options: CalibrationOptions) -> Iterator[Check]:
-    """Report unused keys in two findings: keys that may change a camera by their names, and others."""
+    """Yield findings on unused keys of calibration files.
+
+    One is on keys that by their names (`OF_CAMERAS`) may change a camera, one on all others.
+    """
     for kind, suspect in (("calibration-keys-unused", True), ("calibration-keys-other", False)):
         every = [
             f"{key} ({listed(tuple(dict.fromkeys(names)))})"
@@ -176,7 +180,7 @@ def _unused(options: CalibrationOptions) -> Iterator[Check]:
 
 
 def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Report distances between cameras that are implausible for the length unit."""
+    """Yield a finding if the extent of the cameras' positions is above `FAR_M` or below `NEAR_M`: a wrong unit."""
     centres = np.array([c.position for c in cameras])
     with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
@@ -185,7 +189,10 @@ def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
 
 
 def _lenses(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Report cameras without a distortion that have the type (image size, focal length) of one with a distortion."""
+    """Yield a finding for each camera without distortion that is of the same type as one with distortion.
+
+    The same type: equal image size, and focal lengths that differ by less than 10 %.
+    """
     straight = [camera for camera in cameras if camera.straight]
     offsets = {c.name: _offset_at_border(c) for c in cameras if straight and not c.straight}
     for camera in straight:
@@ -202,7 +209,7 @@ def _lenses(cameras: Sequence[Camera]) -> Iterator[Check]:
 
 
 def _offset_at_border(camera: Camera) -> float:
-    """Largest offset of the image by the distortion in the middle of the left and right borders [px]."""
+    """Largest shift of a point by lens distortion at the middle of the left and right image borders [px]."""
     half = 0.5 * _width(camera) / camera.focal_px[0]
     points = camera.position + np.array([[-half, 0.0, 1.0], [half, 0.0, 1.0]]) @ camera.rotation.T
     ideal = camera.principal_px + camera.focal_px * [[-half, 0.0], [half, 0.0]]

@@ -34,7 +34,12 @@ WITH_CLOCKS = ("kalibr",)
 
 
 def check_calibration(path: Path, format: str, overwrite: bool) -> None:
-    """Check that `path` can be written in a format; called before any work is done.
+    """Check that a calibration can be written to `path`; called before any work is done.
+
+    Args:
+        path: file or folder, as the format has it.
+        format: a key of `OUTPUTS`.
+        overwrite: an existing file, or folder with files, may be replaced.
 
     Raises:
         OutputExistsError: it exists, and may not be replaced.
@@ -52,17 +57,17 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
     """Write the cameras of a scene as a calibration of another program.
 
     Args:
-        path: file or folder; see `is_folder`.
+        path: file or folder, as the format has it (`is_folder`).
         scene: with at least one camera.
         format: a key of `OUTPUTS`.
         overwrite: files of the same names are replaced.
 
     Returns:
-        What the scene states and the format does not hold, each in a few words.
+        What the scene states and the format cannot hold, each in a few words.
 
     Raises:
-        InputError: the format cannot state a lens, or lacks something that the scene does not state.
-        OutputError: a folder has other files, which would be read as further cameras.
+        InputError: the format cannot state a lens, or needs something that the scene does not state.
+        OutputError: the folder has other files, which would be read as further cameras.
     """
     check_calibration(path, format, overwrite)
     texts = TEXTS[format](_in_metres(scene, format), _late(scene))
@@ -90,7 +95,10 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
 
 
 def _in_metres(scene: Scene, format: str) -> list[Camera]:
-    """The cameras with positions in metres; InputError if the scene lacks something that the format needs."""
+    """Copies of the cameras of a scene with positions in metres.
+
+    InputError if there is none, or the scene lacks a length unit, an image size, or a pose that the format needs.
+    """
     if not scene.cameras:
         raise InputError(f"the scene has no camera; {format} describes cameras", id="too-few-sensors")
     if scene.length_unit not in METRES:
@@ -115,13 +123,13 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
 
 
 def _late(scene: Scene) -> dict[str, float]:
-    """Return the clock offset [s] of each camera that names a clock, 0 included."""
+    """Clock offset [s] of each camera that names a clock, by the camera's name; positive if the clock is ahead."""
     clocks = {clock.name: clock.offset_ns / NS for clock in scene.clocks}
     return {camera.name: clocks[camera.clock] for camera in scene.cameras if camera.clock is not None}
 
 
 def _not_held(path: Path, scene: Scene, format: str) -> Iterator[str]:
-    """Descriptions of what a format cannot hold of a scene."""
+    """Yield a few words on each thing in a scene that the calibration format cannot hold, as `ranges`."""
     cameras = scene.cameras
     named = {path.stem if format == "opencv-storage" and not is_folder(path, format) else c.name for c in cameras}
     if format == "kalibr":

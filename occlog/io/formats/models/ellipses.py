@@ -52,7 +52,15 @@ Sizes = Mapping[str, tuple[int, int]]
 
 
 class GivenEllipse(NamedTuple):
-    """Initial ellipse of a target in a view."""
+    """Initial ellipse of a target in a view.
+
+    Attributes:
+        where: file and position in it, for messages.
+        sensor: name of the camera.
+        target_id: identity of the target.
+        frame: number of the frame; `FIRST` (-1): the camera's first one.
+        ellipse: (5,) centre x, y [px], half axes a, b [px], and angle rho of axis a [rad] from +x (right) to +y (down).
+    """
 
     where: str  # file and position in it
     sensor: str
@@ -62,15 +70,15 @@ class GivenEllipse(NamedTuple):
 
 
 def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[GivenEllipse, ...]:
-    """Read the ellipses of a file; cameras without an image size are skipped.
+    """Read the initial ellipses of targets from a file; those of cameras without an image size are skipped.
 
     Args:
-        path: CSV, Parquet (view_tracks, truth_boxes, or boxes with identities), or a recording with boxes.
-        sizes: of the cameras that are used.
-        cameras: all that the recording has.
+        path: CSV, a table (view_tracks, truth_boxes, or boxes with identities), or a recording with boxes.
+        sizes: width and height [px] of the images of the cameras that are used.
+        cameras: names of all cameras of the recording.
 
     Raises:
-        InputError: one line, for an ellipse that cannot be, or a file without one.
+        InputError: an ellipse is impossible, or there is none.
     """
     opened = open_if_ours(path, WHAT)
     if opened is not None:
@@ -118,10 +126,9 @@ def _csv_rows(part: TextPart, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
 
 
 def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
-    """Check an ellipse against the `width` and `height` of the camera's images [px].
+    """InputError if the centre of an ellipse is outside the image, or a half axis is longer than the image's diagonal.
 
-    Raises:
-        InputError: its centre is outside the image, or half an axis is longer than the image's diagonal.
+    `width` and `height` are those of the camera's images [px].
     """
     for name, value, most in (("x_px", given.ellipse[0], width), ("y_px", given.ellipse[1], height)):
         if not -0.5 <= value <= most - 0.5:
@@ -140,7 +147,7 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
 
 
 def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
-    """First ellipses from tracks in images, true boxes, or boxes with identities.
+    """First ellipse of each target in each view, from tracks in images, true boxes, or boxes with identities.
 
     `sizes` are width and height of each camera's images [px]; other cameras are skipped.
     """
@@ -153,7 +160,7 @@ def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
 
 
 class _EllipseRows(NamedTuple):
-    """Ellipses of several views and frames, in columns."""
+    """N ellipses of several views and frames, in columns; ellipses are (x, y, a, b [px], rho [rad])."""
 
     sensor: Strings
     target_id: Ints
@@ -179,14 +186,15 @@ def _boxes(c: Boxes) -> _EllipseRows:
 
 
 def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[GivenEllipse]:
-    """Return the first usable ellipse of each target in each view, of those with the centre in the image.
-
-    InputError if boxes have no identity at all.
+    """First usable ellipse of each target in each view with the centre in the image.
 
     Args:
         path: file that the rows are from, for messages and the result.
         chunks: rows in the order of the file; `good` marks usable ones (of true boxes: at least half visible).
         sizes: width and height of each camera's images [px]; rows of other cameras are skipped.
+
+    Raises:
+        InputError: no row has an identity.
     """
     found: dict[tuple[str, int], GivenEllipse] = {}
     anonymous = rows = 0

@@ -48,7 +48,7 @@ class PairSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class EpipolarSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Epipolar geometry of the views of a recording."""
+    """Content of a file with fundamental matrices between the views of a recording."""
 
     occlog_epipolar: Annotated[Literal[1], Meta(description="version of this format")] = 1
     pairs: Annotated[list[PairSpec], Meta(min_length=1, description="each pair once, in either order")]
@@ -63,7 +63,7 @@ def epipolar_schema() -> dict[str, object]:
 
 
 def read_epipolar(path: Path) -> ViewPairs:
-    """Read the pairs of a JSON file or recording; InputError, one line, names the fault."""
+    """Read pairs of views with fundamental matrices from a JSON file or a recording; InputError if there are none."""
     opened = open_if_ours(path, "a JSON file of fundamental matrices, or a recording that holds some")
     if opened is not None and opened.recording is not None:
         found = attached_epipolar(opened.recording)
@@ -74,7 +74,7 @@ def read_epipolar(path: Path) -> ViewPairs:
 
 
 def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
-    """Pairs attached to a recording; None without any."""
+    """Pairs of views with fundamental matrices that are attached to a recording; None without an attachment."""
     raw = recording.attachment(EPIPOLAR_ATTACHMENT)
     if raw is None:
         return None
@@ -86,10 +86,10 @@ def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, over
     """Write fundamental matrices of pairs of cameras as a JSON file, atomically.
 
     Args:
-        path: file.
+        path: the file.
         pairs: pairs of cameras and their matrices.
-        provenance: of the matrices.
-        overwrite: replace an existing file; else it is an OutputExistsError.
+        provenance: how they were made.
+        overwrite: replace an existing file; else OutputExistsError.
     """
     write_json(path, _values(pairs, provenance), overwrite=overwrite)
 
@@ -151,13 +151,16 @@ def _pair(spec: PairSpec, where: str) -> ViewPair:
 
 
 def _sized(matrix: Floats) -> Floats:
-    """Scale a matrix by a power of two (exactly) to entries below 1."""
+    """Scale a matrix exactly, by a power of two, so that its largest entry is 0.5 to 1 in magnitude.
+
+    Unchanged if it is 0 or not finite.
+    """
     largest = np.abs(matrix).max()
     return np.ldexp(matrix, -np.frexp(largest)[1]) if 0.0 < largest < np.inf else matrix
 
 
 def _check_matrix(matrix: Floats, where: str) -> None:
-    """InputError unless a matrix is finite and of rank 2, up to rounding in a text file."""
+    """InputError unless a matrix (3, 3) is finite and of rank 2, up to rounding in a text file."""
     if not np.isfinite(matrix).all():
         raise InputError(f"{where}: the matrix has an entry that is not a finite number", id="invalid-calibration")
     scale = np.diag([LARGE_PX, LARGE_PX, 1.0])  # so that coordinates are about 1
@@ -181,7 +184,10 @@ FORMAT = TextFormat(
 
 
 def read_matches(path: Path) -> tuple[PointMatches, ...]:
-    """Read the matches of each pair of views, in order of first appearance; (a, b) and (b, a) are one pair."""
+    """Read point matches of each pair of views from a text table, in order of first appearance.
+
+    Rows for (a, b) and (b, a) are of one pair. InputError, with the line, for invalid rows.
+    """
     names: list[tuple[str, str]] = []
     points: dict[tuple[str, str], list[np.ndarray]] = {}
     lines: dict[tuple[str, str], list[int]] = {}

@@ -55,7 +55,10 @@ class MotionSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class MotionModel(NamedTuple):
-    """A motion model and its length unit."""
+    """Linear Gaussian motion model x' = A x + N(0, sigma) with the state x = [x, vx, y, vy] over a time step.
+
+    Lengths are in `length_unit`, times in seconds.
+    """
 
     A: Floats  # (4, 4)
     sigma: Floats  # (4, 4), positive definite
@@ -69,7 +72,11 @@ def motion_schema() -> dict[str, object]:
 
 
 def read_motion(path: Path) -> MotionModel:
-    """Read a motion model; InputError, one line, names an invalid field."""
+    """Read a motion model from a JSON file.
+
+    Raises:
+        InputError: a field is invalid, or sigma is not symmetric and positive definite.
+    """
     otherwise = "is not a motion file (no `occlog_motion`); make one with `occlog fit-motion`"
     spec = struct_of(read_json(path), MotionSpec, key="occlog_motion", source=path, otherwise=otherwise)
     A, sigma = np.array(spec.A, dtype=np.float64), np.array(spec.sigma, dtype=np.float64)
@@ -81,14 +88,14 @@ def read_motion(path: Path) -> MotionModel:
 def write_motion(
     path: Path, motion: MotionModel, details: Mapping[str, object], provenance: Provenance, *, overwrite: bool = False
 ) -> None:
-    """Write a motion model atomically; non-finite values in `details` become null.
+    """Write a motion model as a JSON file, atomically; non-finite values in `details` become null.
 
     Args:
-        path: file to write.
+        path: the file.
         motion: the model.
         details: other fields of MotionSpec: noise, A_error, sigma_error, fit.
         provenance: how it was made.
-        overwrite: replace a file that exists.
+        overwrite: replace an existing file; else OutputExistsError.
     """
     values = {
         "occlog_motion": 1,
@@ -176,7 +183,11 @@ def path_loss_schema() -> dict[str, object]:
 
 
 def read_path_loss(path: Path) -> PathLossSpec:
-    """Read a file of path losses; InputError, one line, names the field that is wrong."""
+    """Read path loss models of tag readers from a JSON file.
+
+    Raises:
+        InputError: a field is invalid, or a reader is there twice.
+    """
     otherwise = "holds no path losses (no `occlog_path_loss`); make them with `occlog fit-readers`"
     spec = struct_of(read_json(path), PathLossSpec, key="occlog_path_loss", source=path, otherwise=otherwise)
     numbers = {name: getattr(spec, name) for name in ("height", "exponent", "noise_db", "shadow_db", "shadow_s")}
@@ -190,23 +201,23 @@ def read_path_loss(path: Path) -> PathLossSpec:
 
 
 def write_path_loss(path: Path, spec: PathLossSpec, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write a path loss model and its provenance as a JSON file, atomically.
+    """Write path loss models of tag readers as a JSON file, atomically.
 
     Args:
-        path: file.
-        spec: the model.
-        provenance: of the model.
-        overwrite: replace an existing file; else it is an OutputExistsError.
+        path: the file.
+        spec: the models.
+        provenance: how they were made.
+        overwrite: replace an existing file; else OutputExistsError.
     """
     values = {**msgspec.to_builtins(spec), "_provenance": provenance.as_dict()}
     write_json(path, values, overwrite=overwrite)
 
 
 def model_losses(paths: Iterable[Path | None]) -> tuple[Loss, ...]:
-    """Losses recorded in several models, without duplicates, in the order of the files; None is skipped.
+    """Losses recorded in the provenance of several model files, without duplicates, in the order of the files.
 
     Args:
-        paths: JSON files with what a model was made of in `_provenance`, or recordings that hold one.
+        paths: JSON files with `_provenance`, tables or recordings; None is skipped.
     """
     return tuple(dict.fromkeys(loss for path in paths if path is not None for loss in _lost(path)))
 

@@ -18,7 +18,7 @@ Bytes = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 
 
 class NetworkFileSpec(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of all parts of the file; unknown keys are errors."""
+    """Base class of all parts of a network file for `occlog traffic`; unknown keys are errors."""
 
 
 class SensorNodeSpec(NetworkFileSpec, kw_only=True):
@@ -31,14 +31,14 @@ class SensorNodeSpec(NetworkFileSpec, kw_only=True):
 
 
 class CameraNodeSpec(NetworkFileSpec, kw_only=True):
-    """Camera node at a router."""
+    """A camera of a traffic simulation and the router it is attached to."""
 
     name: Name
     router: Name
 
 
 class SizesSpec(NetworkFileSpec, kw_only=True):
-    """Message sizes [bytes]."""
+    """Sizes of the messages of a traffic simulation [bytes]."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
     header: Annotated[Bytes, Meta(description="added to each packet")] = 0
@@ -50,7 +50,7 @@ class SizesSpec(NetworkFileSpec, kw_only=True):
 
 
 class NetworkSpec(NetworkFileSpec, kw_only=True):
-    """A network: [Lee] Fig. 5-40, or its chain of routers, Fig. 5-41."""
+    """Network of a traffic simulation: that of [Lee] Fig. 5-40, or its chain of routers (Fig. 5-41)."""
 
     occlog_network: Annotated[Literal[1], Meta(description="version of this format")]
     server: Name
@@ -70,12 +70,16 @@ class NetworkSpec(NetworkFileSpec, kw_only=True):
 
 
 def network_schema() -> dict[str, object]:
-    """JSON Schema of networks."""
+    """JSON Schema of files with a network for `occlog traffic`."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(NetworkSpec)}
 
 
 def read_network(path: Path) -> NetworkSpec:
-    """Read a network; InputError names the fault."""
+    """Read a network of routers, sensors and cameras from a YAML file.
+
+    Raises:
+        InputError: a value is invalid, names repeat or are unknown, or a node is not connected with the server.
+    """
     spec = read_yaml(path, NetworkSpec, "a network (YAML)")
     nodes = {name for pair in spec.links for name in pair}
     routers = nodes - {spec.server}
@@ -110,7 +114,7 @@ def read_network(path: Path) -> NetworkSpec:
 
 
 def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
-    """Check that links, in any direction, lead from the server to each node; InputError names the first one without.
+    """InputError, which names the first one, if a node is not connected with the server by links in any direction.
 
     Args:
         path: file, for messages.

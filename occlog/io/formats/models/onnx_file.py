@@ -44,7 +44,7 @@ ABOVE_ZERO = ("strides", "dilations", "kernel_shape", "group", "blocksize", "siz
 
 @dataclass(frozen=True)
 class Port:
-    """Input or output of a network: name, type and shape."""
+    """Input or output of a neural network: name, element type and shape."""
 
     name: str
     kind: str  # of its elements, as NumPy calls it; empty: not stated, or none of `KINDS`
@@ -53,7 +53,7 @@ class Port:
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """Inputs, outputs and metadata of a network file."""
+    """Description of a network file (ONNX): inputs, outputs, metadata, and files with external weights."""
 
     path: Path
     inputs: tuple[Port, ...]  # without those that have a value in the file
@@ -68,7 +68,7 @@ class OnnxFile:
 
 
 def read_onnx(path: Path) -> OnnxFile:
-    """Read what a network states about itself.
+    """Read the description of a neural network from an ONNX file; weights are skipped.
 
     Raises:
         InputError: the file is not a network, is damaged or too large, or has external weights outside its folder.
@@ -101,9 +101,14 @@ def read_onnx(path: Path) -> OnnxFile:
 
 
 def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
-    """External weight files of a model; InputError for one outside its folder, or for too many bytes.
+    """Paths of the external weight files of a model, without duplicates.
 
-    `locations` are relative to the folder.
+    Args:
+        path: the model.
+        locations: stated paths, relative to its folder.
+
+    Raises:
+        InputError: a file is outside of the folder or missing, or all have more than `MAX_WEIGHTS` bytes.
     """
     folder = path.resolve().parent
     found = []
@@ -134,7 +139,16 @@ class _DamageError(Exception):
 
 @dataclass
 class _OnnxWalk:
-    """Parser of a model that collects its description; numbers are fields of `onnx.proto3`."""
+    """Parser of an ONNX model that collects its description; field numbers are those of `onnx.proto3`.
+
+    Attributes:
+        inputs: inputs of the main graph, also those with a value in the file.
+        outputs: outputs of the main graph.
+        metadata: texts by key.
+        given: names of tensors with values in the file.
+        locations: paths of external weights.
+        fields: number of fields that were read.
+    """
 
     inputs: list[Port] = field(default_factory=list)
     outputs: list[Port] = field(default_factory=list)
@@ -161,7 +175,13 @@ class _OnnxWalk:
                         self._node(node, depth=0)
 
     def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
-        """Parse a GraphProto at a depth of nesting; inputs and outputs are collected for the main graph (`whole`)."""
+        """Parse a GraphProto, and all graphs in it; `_DamageError` beyond `DEEPEST` nested graphs.
+
+        Args:
+            data: bytes of the message.
+            depth: how deeply it is nested.
+            whole: it is the main graph, of which inputs and outputs are collected.
+        """
         if depth > DEEPEST:
             raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
         for number, value in self._messages(data):
@@ -177,7 +197,10 @@ class _OnnxWalk:
                 self.outputs.append(self._port(value))
 
     def _node(self, data: memoryview, depth: int) -> None:
-        """Parse a NodeProto at a depth of nesting; its attributes may hold tensors and graphs."""
+        """Parse a NodeProto, nested at `depth`; its attributes may hold tensors and graphs.
+
+        `_DamageError` for an attribute of 0 or less by which runtimes divide, such as strides.
+        """
         for number, attribute in self._messages(data):
             if number != 5:
                 continue
@@ -205,7 +228,10 @@ class _OnnxWalk:
                 self._tensor(value)
 
     def _tensor(self, data: memoryview) -> None:
-        """Parse a TensorProto: name, and location of external values."""
+        """Parse a TensorProto: collect its name and the location of external values.
+
+        `_DamageError` if the number of its values does not fit its dimensions.
+        """
         sides: list[int] = []
         kind, name, raw, typed, external = 0, "", 0, 0, False
         for number, value in self._fields(data):
@@ -243,7 +269,7 @@ class _OnnxWalk:
         return found.get(1, ""), found.get(2, "")
 
     def _port(self, data: memoryview) -> Port:
-        """Parse a ValueInfoProto of a tensor."""
+        """Parse a ValueInfoProto of a tensor, an input or output."""
         name, kind, shape = "", 0, None
         for number, value in self._messages(data):
             if number == 1:
@@ -266,13 +292,17 @@ class _OnnxWalk:
         return None
 
     def _messages(self, data: memoryview) -> Iterator[tuple[int, memoryview]]:
-        """Generate the fields with length-delimited bytes: messages, texts or arrays."""
+        """Yield (field number, bytes) of the fields with length-delimited bytes: messages, texts or packed arrays."""
         for number, value in self._fields(data):
             if isinstance(value, memoryview):
                 yield number, value
 
     def _fields(self, data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-        """Generate numbers and values of fields: an integer, or bytes."""
+        """Yield (field number, value) of all fields of a message: an integer, or bytes.
+
+        0 for fixed 32- and 64-bit values. `_DamageError` if the bytes are not a valid message, or the file has more
+        than `MAX_FIELDS` fields.
+        """
         index, end = 0, len(data)
         while index < end:
             self.fields += 1
@@ -299,7 +329,10 @@ class _OnnxWalk:
 
 
 def _varint(data: memoryview, offset: int) -> tuple[int, int]:
-    """Decode a variable-length integer of up to 64 bits; return it with the next offset."""
+    """Decode a variable-length integer of up to 64 bits at `offset`; return it and the offset behind it.
+
+    `_DamageError` if it is longer or cut off.
+    """
     value = 0
     for shift in range(0, 70, 7):
         if offset >= len(data):
@@ -313,7 +346,7 @@ def _varint(data: memoryview, offset: int) -> tuple[int, int]:
 
 
 def _varints(data: memoryview) -> Iterator[int]:
-    """Generate the consecutive variable-length integers of `data`."""
+    """Yield the consecutive variable-length integers of `data`."""
     offset = 0
     while offset < len(data):
         value, offset = _varint(data, offset)
@@ -321,7 +354,7 @@ def _varints(data: memoryview) -> Iterator[int]:
 
 
 def _count(data: memoryview, width: int) -> int:
-    """Number of packed values of `width` bytes; 0: variable-length values."""
+    """Number of packed values in `data` that have `width` bytes each; `width` 0: variable-length integers."""
     return len(data) // width if width else int(np.count_nonzero(np.frombuffer(data, np.uint8) < 0x80))
 
 

@@ -25,7 +25,7 @@ _KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "
 
 
 def table_definition(table: type[ColumnTable]) -> dict[str, object]:
-    """Columns of a table as JSON-ready values."""
+    """Published schema of a table, as JSON-compatible values: name, version, key, and its columns with units."""
     return {
         "name": table.NAME,
         "version": table.VERSION,
@@ -50,7 +50,7 @@ def scene_schema() -> dict[str, object]:
 
 
 def verdict_schema() -> dict[str, object]:
-    """JSON Schema of a verdict: `verdicts` of the provenance of every output is a list of them."""
+    """JSON Schema of a verdict; `verdicts` in the provenance of every output is a list of them."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(Verdict)}
 
 

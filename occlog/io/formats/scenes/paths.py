@@ -76,17 +76,25 @@ class PathsSpec(SceneFileSpec, kw_only=True):
 
 
 def paths_schema() -> dict[str, object]:
-    """JSON Schema of path files."""
+    """JSON Schema of files with paths of scripted targets."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(PathsSpec)}
 
 
 def read_paths(path: Path) -> MotionScript:
-    """The targets of a file; InputError, one line, names what does not fit and where."""
+    """Read scripted targets from a YAML file.
+
+    Raises:
+        InputError: a key or value is invalid, identities repeat, or segments overlap; with its place in the file.
+    """
     return _build(read_yaml(path, PathsSpec, "a path file (YAML)"), str(path))
 
 
 def paths_from_yaml(text: str, source: str) -> MotionScript:
-    """Parse scripted paths from YAML text, like `read_paths`; `source` names it in messages."""
+    """Parse scripted targets from YAML text; `source` is its file in messages.
+
+    Raises:
+        InputError: a key or value is invalid, identities repeat, or segments overlap.
+    """
     return _build(parse_yaml(text, source, PathsSpec), source)
 
 
@@ -124,9 +132,15 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
 
 
 def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
-    """Segments with their ends filled in; InputError if they overlap or are overdetermined.
+    """Segments of a scripted target, with times that the file omits filled in from their neighbours.
 
-    `flat`: the target moves in the plane, without z.
+    Args:
+        spec: the target in the file.
+        flat: the target moves on the ground, without z.
+        where: file and target, for messages.
+
+    Raises:
+        InputError: segments overlap, or values contradict each other.
     """
     done: list[Segment] = []
     for i, s in enumerate(spec.segments):

@@ -61,11 +61,11 @@ Corners = Annotated[list[Point2], Meta(min_length=3)]
 
 
 class SceneFileSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """Base class of all parts of the file; unknown keys are errors."""
+    """Base class of all mappings in a scene file; unknown keys are errors."""
 
 
 class NoiseSpec(SceneFileSpec, kw_only=True):
-    """Pose and measurement noise ([Ercan] Eq. 2), and detection probabilities."""
+    """Standard deviations of a camera's pose and measurements ([Ercan] Eq. 2), and detection probabilities."""
 
     position: Annotated[
         float, Meta(ge=0, le=MAX_COORDINATE, description="of the camera's position, in the length unit")
@@ -85,7 +85,7 @@ class NoiseSpec(SceneFileSpec, kw_only=True):
 
 
 class DistortionSpec(SceneFileSpec, kw_only=True):
-    """Lens distortion, on normalised image coordinates."""
+    """Lens distortion in normalised image coordinates: model and coefficients."""
 
     model: Literal["brown", "opencv", "tsai", "equidistant"] = "brown"
     coefficients: Annotated[
@@ -98,7 +98,7 @@ class DistortionSpec(SceneFileSpec, kw_only=True):
 
 
 class CameraSpec(SceneFileSpec, kw_only=True):
-    """One camera."""
+    """A camera in a scene file: intrinsics, pose, field of view and noise; without a pose it gives no bearings."""
 
     name: Name
     position: Annotated[Place, Meta(description="x, y and, where known, height z")] | None = None
@@ -169,7 +169,7 @@ class ArraySpec(SceneFileSpec, kw_only=True):
 
 
 class ReaderSpec(SceneFileSpec, kw_only=True):
-    """One reader of radio tags."""
+    """A reader of radio tags in a scene file."""
 
     name: Name
     position: Place
@@ -185,7 +185,7 @@ class ReaderSpec(SceneFileSpec, kw_only=True):
 
 
 class OccluderSpec(SceneFileSpec, kw_only=True):
-    """One static occluder."""
+    """A static occluder in a scene file: a polygon on the ground and a height."""
 
     name: Name
     polygon: Corners
@@ -201,7 +201,7 @@ class ClockSpec(SceneFileSpec, kw_only=True):
 
 
 class SceneSpec(SceneFileSpec, kw_only=True):
-    """A scene file."""
+    """Content of a scene file: room, static occluders, sensors and clocks, in one unit of length."""
 
     occlog_scene: Annotated[Literal[1], Meta(description="version of this format")]
     length_unit: Annotated[Literal["m", "unit", "ft", "in", "px"], Meta(description="unit of every length")] = "m"
@@ -223,7 +223,7 @@ OLD_NOISE_KEYS = {
 
 
 def _renamed(raw: dict[str, Any]) -> dict[str, Any]:
-    """Rename the old keys `OLD_NOISE_KEYS` in the values of a scene file."""
+    """Copy of the values of a scene file in which keys of the last release (`OLD_NOISE_KEYS`) have their new names."""
 
     def camera(given: Any) -> Any:
         noise = given.get("noise") if isinstance(given, dict) else None
@@ -237,25 +237,25 @@ def _renamed(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene in a YAML file; InputError names line, key, value and limit of a fault."""
+    """Read a scene from a YAML file; InputError names line, key, value and limit of a fault."""
     spec = read_yaml(path, SceneSpec, "a scene file (YAML)", _renamed)
     return _build(spec, str(path))
 
 
 def scene_from_yaml(text: str, source: str) -> Scene:
-    """The scene in YAML text; `source` names it in messages."""
+    """Parse a scene from YAML text; InputError names the fault, with `source` as its file."""
     return _build(parse_yaml(text, source, SceneSpec, _renamed), source)
 
 
 def _plain(value: object) -> object:
-    """Convert a NumPy number to a Python number."""
+    """Python number for a NumPy scalar, for serialisation; TypeError for other values."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a scene holds {value!r}, which is no number or text")
 
 
 def scene_to_yaml(scene: Scene) -> str:
-    """YAML text that `scene_from_yaml` turns into an equal scene."""
+    """Format a scene as YAML text, from which `scene_from_yaml` makes an equal scene."""
     raw = msgspec.to_builtins(_spec(scene), enc_hook=_plain)
     return yaml.safe_dump(raw, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
@@ -295,7 +295,10 @@ def _check_names(scene: Scene, source: str) -> None:
 
 
 def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
-    """Check and orient the corners (K, 2) of a simple polygon counter-clockwise."""
+    """(K, 2) corners of a polygon, counter-clockwise; InputError unless it is simple and has an area.
+
+    `where` is the file and object, for messages.
+    """
     polygon = Polygon(corners)
     if not np.all(np.isfinite(np.asarray(corners))):
         raise InputError(f"{where}: corners must be finite numbers")
@@ -362,14 +365,13 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
 
 
 def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
-    """World-from-camera rotation of a camera in a scene file, from its matrix or its angles.
+    """World-from-camera rotation (3, 3) of a camera in a scene file, and whether the camera has a pose.
+
+    The rotation is stated as a matrix or by angles; without a pose it is that of yaw, pitch and roll 0.
 
     Args:
         spec: camera in the file.
         where: file and camera, for messages.
-
-    Returns:
-        (3, 3) rotation, that of angles 0 if nothing is stated; and whether the camera has a pose, True or False.
 
     Raises:
         InputError: only a part of the pose is stated, both matrix and angles are, or the matrix is not a rotation.

@@ -39,7 +39,7 @@ MAX_YAW_DEG = 360.0
 
 
 def holds_stations(path: Path) -> bool:
-    """Whether a text file has a header line with station names and positions."""
+    """Whether a text file has a header line with columns of names and of positions; False if it cannot be read."""
     try:
         header = {cell.lower() for cell in first_line(path, WHAT)}
     except InputError:
@@ -50,7 +50,7 @@ def holds_stations(path: Path) -> bool:
 
 
 def header_of_table(path: Path) -> list[str]:
-    """Column names of a text table; empty for other texts, such as YAML."""
+    """Column names in the first line of a text table; empty for other texts, such as YAML."""
     try:
         header = first_line(path, WHAT)
     except InputError:
@@ -59,7 +59,7 @@ def header_of_table(path: Path) -> list[str]:
 
 
 def check_stations(path: Path) -> None:
-    """InputError for a header with a repeated column, or positions in several units."""
+    """InputError if a table of stations has a repeated column, or positions in several units."""
     header = [cell.lower() for cell in first_line(path, WHAT)]
     if (double := first_double(header)) is not None:
         raise InputError(
@@ -71,24 +71,27 @@ def check_stations(path: Path) -> None:
 
 
 def occurs_twice(path: Path) -> bool:
-    """Whether a name occurs in several rows, as a track's identity does, so that the table is not of stations."""
+    """Whether a name occurs in several rows of a table, as the identity of a track does, so that rows are not stations.
+
+    Only the first chunk of rows is examined.
+    """
     for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=True):
         return len(set(rows.cells["name"].tolist())) < len(rows)
     return False
 
 
 def _several(units: Iterable[str]) -> str:
-    """Join units to a text for a message."""
+    """Units joined by "and" for a message; an empty one is "no stated unit"."""
     return " and ".join(sorted(unit or "no stated unit" for unit in units))
 
 
 def read_stations(path: Path) -> Scene:
-    """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z, sigma_deg and yaw_deg.
+    """Read a scene of direction-finding stations (as microphone arrays) from a text table: name, x, y, perhaps z.
 
-    Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations measure no
-    elevation.  Positions on the earth (`latitude`, `longitude`, perhaps `altitude`) require the origin that the user
-    states.  `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not given.
-    `yaw_deg` is the azimuth of a station's own x axis, 0 where it is not given.
+    Names of position columns end in the unit (`x_m`, `y_m`), or are in metres. Without a column z, stations measure no
+    elevation. Geodetic positions (`latitude`, `longitude`, perhaps `altitude`) require the origin that the user states.
+    `sigma_deg` is the standard deviation of directions that come without one (default 3 degrees), `yaw_deg` the azimuth
+    of a station's own x axis (default 0).
 
     Raises:
         InputError: a column is missing, units differ, or a name occurs twice.
@@ -132,7 +135,10 @@ def read_stations(path: Path) -> Scene:
 
 
 def _in_the_scene(rows: CsvRows) -> CsvRows:
-    """Rows with geodetic positions converted to positions in the scene."""
+    """Copy of the rows with columns `x_m`, `y_m` (and `z_m`) computed from geodetic positions.
+
+    Unchanged without these.
+    """
     latitude, longitude, height = (
         next((name for name in names if rows.has(name)), None) for names in (LATITUDES, LONGITUDES, HEIGHTS)
     )
@@ -149,14 +155,14 @@ def _in_the_scene(rows: CsvRows) -> CsvRows:
 
 
 def _unit(name: str, path: Path) -> str:
-    """Unit of a position column: by its name, or as the user states; else metres."""
+    """Length unit of a position column: in its name, or as the user states; else m."""
     reported = name.partition("_")[2]
     STATED.get().note_use(name, "length", reported, path)
     return STATED.get().unit_of(name, "length", reported, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:
-    """Column of an axis, with any unit suffix; None if missing."""
+    """Name of the column of an axis (`x`, `y`, `z`), with any unit suffix; None if missing, InputError for two."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
         raise InputError(

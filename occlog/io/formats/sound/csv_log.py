@@ -25,17 +25,17 @@ from occlog.records.losses import Loss
 
 @dataclass(frozen=True)
 class DoaOptions:
-    """Options for values that a log does not state.
+    """Options for reading a log of directions of arrival, for values that it does not state.
 
     Attributes:
         format: a key of `occlog.io.formats.sound.directions.FORMATS`, or `auto`.
-        sensor: array of a log that does not name one.
-        unit: `deg` or `rad`, for columns with a name that does not state; None: not given.
-        convention: `math`, `compass` or `array`; None: the format's own.
-        algorithm: which algorithm's estimates to take (frida).
-        start_ns: time of the origin of a log without absolute times.
-        hop: time from one hop to the next [s], of logs that count them (odas); None: not given.
+        sensor: array of a log that does not name one; None: the log names it.
+        unit: `deg` or `rad`, for columns that do not state it in their names; None: not given.
+        convention: of azimuths: `math`, `compass` or `array`; None: the format's own.
+        algorithm: algorithm to read, of a log with the estimates of several (frida); None: not given.
+        start_ns: time of the origin of a log without absolute times [ns since the Unix epoch].
         ignore_extra: skip unknown columns instead of refusing them.
+        hop: time from one hop to the next [s], of logs that count hops (odas); None: not given.
     """
 
     format: str = "auto"
@@ -49,7 +49,10 @@ class DoaOptions:
 
 
 class DoaRows(NamedTuple):
-    """Rows of a log; angles in radians, in the log's own convention."""
+    """Directions of a log in columns (n,); angles and their standard deviations [rad] in the log's own convention.
+
+    Elevations, standard deviations and confidences are NaN, identities -1, if the log has none.
+    """
 
     line: Ints
     t_ns: Ints
@@ -63,13 +66,13 @@ class DoaRows(NamedTuple):
 
 
 def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> DoaRows:
-    """Make rows of a log that has azimuths only; all other values are unknown.
+    """Rows of a log that has azimuths only; all other values are unknown (NaN, identity -1).
 
     Args:
-        line: (n,) lines of the file.
+        line: (n,) line numbers.
         t_ns: (n,) times [ns].
-        sensor: (n,) names.
-        azimuth: (n,) [rad].
+        sensor: (n,) names of the arrays.
+        azimuth: (n,) in the log's convention [rad].
     """
     unknown = np.full(len(line), np.nan)
     unlabelled = np.full(len(line), -1, dtype=np.int64)
@@ -114,7 +117,17 @@ AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimu
 
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Generate the rows of a text table of directions; UsageError if a column of angles states no unit."""
+    """Yield the rows of a text table of directions of arrival.
+
+    Args:
+        path: the file.
+        options: unit of angles, name of the array and origin of the times, where the file does not state them.
+        _losses: not used by this format.
+
+    Raises:
+        InputError: a column is missing, or a value is invalid or out of range.
+        UsageError: a column of angles does not state its unit.
+    """
     label, names, count, widest = "", set[str](), 0, 0.0
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
@@ -148,7 +161,11 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
-    """(n,) array names of the rows; `label` is the name of the array in the first row."""
+    """(n,) names of the arrays of the rows: the one that the user states, or those in the file.
+
+    InputError if neither is known, or if the file names another array than in its first row, `label`, and the user
+    states one.
+    """
     if options.sensor is not None:
         if rows.has("sensor"):
             check_one_sensor(rows, "sensor", options.sensor, label)
@@ -162,9 +179,11 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
 
 
 def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of the column `name`, with the unit in its name or of the option `unit`; NaN if missing.
+    """(n,) angles [rad] of the column `name`, with the unit in its name or that of the options; NaN if missing.
 
-    UsageError without a unit.
+    Raises:
+        UsageError: no unit is known.
+        InputError: there are two such columns, or angles are too large for radians.
     """
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:

@@ -56,17 +56,17 @@ def read_doa(
     clocks: Mapping[str, Clock] | None = None,
     losses: list[Loss] | None = None,
 ) -> Iterator[Doa]:
-    """Read tables of directions, with azimuths converted to the world's convention.
+    """Yield tables of directions of arrival from a log, with azimuths in the world and world times.
 
     Args:
         path: the log.
         arrays: arrays of the scene; sensors of the log are matched with their names.
         options: what the log does not state itself.
-        clocks: clocks of the arrays that do not run by world time.
-        losses: receives what the end of the log cuts off; None: that is an error.
+        clocks: clock models by array, for those that do not run by world time.
+        losses: the part that the end of the file cuts off is added; None: that is an error.
 
     Raises:
-        InputError: the log is malformed, names an array that is not there, or its times go back.
+        InputError: the log is malformed, names an array that the scene lacks, or its times decrease.
     """
     check_input(path, WHAT)
     entry = FORMATS[_format(path, options)]
@@ -115,7 +115,7 @@ def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) 
 
     Args:
         azimuth: (n,) angles [rad] in the stated convention.
-        convention: `math`, `compass` or `array`.
+        convention: `math` (from +x towards +y), `compass` (clockwise from +y) or `array` (from the array's own x axis).
         array_yaw: yaw [rad] of the array of each row, used by `array`.
     """
     angle = np.pi / 2 - azimuth if convention == "compass" else azimuth
@@ -128,12 +128,14 @@ def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) 
 def _untilted(
     rows: DoaRows, sensor: Strings, azimuth: Floats, tilted: Mapping[str, MicrophoneArray]
 ) -> tuple[Floats, DoaRows]:
-    """World azimuths (n,), and rows with world elevations, of directions in the frames of tilted arrays.
+    """World azimuths (n,), and rows with world elevations, from directions in the frames of tilted arrays.
+
+    Rows without elevation, and of arrays that are upright, are unchanged.
 
     Args:
-        rows: n of them, with angles in the frames of the arrays.
-        sensor: (n,) names.
-        azimuth: (n,) in the world, right for arrays that are not tilted [rad].
+        rows: n rows with angles in the frames of the arrays.
+        sensor: (n,) names of the arrays.
+        azimuth: (n,) world azimuths if the arrays were upright [rad].
         tilted: tilted arrays by name.
     """
     azimuth, elevation = azimuth.copy(), rows.elevation.copy()
@@ -153,7 +155,11 @@ MAX_RESTART_SHARE = 0.1
 def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tuple[int, int]]) -> None:
     """InputError if times of one array decrease; several directions at one time are allowed.
 
-    `sensor` (n,) has the array of each row, `spans` first and last time of each array so far; updated.
+    Args:
+        path: file, for messages.
+        rows: n rows.
+        sensor: (n,) name of the array of each row.
+        spans: first and last time of each array so far; updated.
     """
     for name in np.unique(sensor).tolist():
         mine = np.flatnonzero(sensor == name)
@@ -178,9 +184,13 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tu
 
 
 def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:
-    """Convert the times of rows to world time by the sensors' clocks.
+    """Copy of the rows with world times, by the clock models of the arrays.
 
-    `sensor` (n,) has the name of each row's array, `first` the first time of each array [ns]; updated.
+    Args:
+        rows: n rows.
+        sensor: (n,) name of the array of each row.
+        clocks: clock models by array.
+        first: first time of each array [ns], at which its drift is 0; updated.
     """
     t_ns = rows.t_ns.copy()
     for name, clock in clocks.items():

@@ -56,19 +56,19 @@ _LAST_NUMBER = re.compile(r"(\d{1,9})$")
 
 
 def looks_like_locata(head: Sequence[str]) -> bool:
-    """Whether the cells of a header line (`head`) are those of a LOCATA table of poses."""
+    """Whether the cells of a header line are those of a LOCATA table of poses."""
     return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
 
 
 def read_array(path: Path, name: str | None) -> MicrophoneArray:
-    """Read a static array, with its microphones in its own frame.
+    """Read a static microphone array of the LOCATA challenge: mean pose, and microphones in its own frame.
 
     Args:
         path: `position_array_NAME.txt`.
-        name: what the array is called; None: as the file states.
+        name: of the array in the scene; None: that in the file name.
 
     Raises:
-        InputError: the table is malformed, or the array moves, which no array of a scene does.
+        InputError: the table is malformed, or the array moves.
     """
     head = [cell.strip().lower() for cell in first_line(path, LOCATA_TABLE)]
     numbers = sorted({int(found[1]) for cell in head if (found := _MICROPHONE.match(cell))})
@@ -95,9 +95,9 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
 
 
 def read_source(path: Path) -> Truth:
-    """Read the positions of one source; its identity is the number at the end of the file name, or 0.
+    """Read the positions of one source of the LOCATA challenge; its identity is the last number in the file name, or 0.
 
-    A time that is repeated counts once.  InputError where times go back.
+    Repeated times count once. InputError if times decrease.
     """
     number = _LAST_NUMBER.search(path.stem)
     times: list[Ints] = []
@@ -119,7 +119,7 @@ def read_source(path: Path) -> Truth:
 
 
 def _locata_rows(path: Path, columns: Sequence[str]) -> list[TextPart]:
-    """Rows of a LOCATA table, which must have these columns and may have others."""
+    """Rows of a LOCATA table in parts; it must have the given columns, and may have others. InputError without rows."""
     known = {name: FormatColumn((name,), RAW if name == "second" else WHOLE) for name in TIMES}
     parts = list(
         read_format(
@@ -136,7 +136,7 @@ def _values(part: TextPart, columns: Sequence[str]) -> Floats:
 
 
 def _times(part: TextPart) -> Ints:
-    """(n,) times [ns since 1970], taken as UTC, exact to the nanosecond."""
+    """(n,) times [ns since the Unix epoch] of date and time columns, taken as UTC, exact to the nanosecond."""
     minutes: dict[tuple[int, ...], int] = {}
     out = np.empty(len(part), dtype=np.int64)
     parts = zip(*(part[name].tolist() for name in TIMES[:5]), strict=True)
@@ -154,7 +154,7 @@ def _times(part: TextPart) -> Ints:
 
 
 def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
-    """InputError, with the line, for a matrix of `turns` (n, 3, 3) that is not a rotation."""
+    """InputError, with the line, if one of the matrices `turns` (n, 3, 3) is not a rotation."""
     off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
     if len(bad):
@@ -162,7 +162,14 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
 
 
 def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
-    """InputError, with the line, if the array moves: `positions` (n, 3) [m] or `turns` (n, 3, 3) change."""
+    """InputError, with the line, if an array moves from its first pose by more than `STILL_M` or `STILL_RAD`.
+
+    Args:
+        path: file, for messages.
+        positions: (n, 3) [m].
+        turns: (n, 3, 3) world-from-array rotations.
+        lines: (n,) line numbers.
+    """
     moved = np.linalg.norm(positions - positions[0], axis=1)
     cosine = (np.einsum("ij,nij->n", turns[0], turns) - 1) / 2
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -177,7 +184,7 @@ def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> N
 
 
 def _angles(rotation: Floats) -> tuple[float, float, float]:
-    """Yaw, pitch and roll [rad] of a (3, 3) world-from-array rotation: x forward, y left, z up."""
+    """Yaw, pitch and roll [rad] of a (3, 3) world-from-array rotation; array frame x forward, y left, z up."""
     forward, left = rotation[:, 0], rotation[:, 1]
     flat = float(np.hypot(forward[0], forward[1]))
     yaw = float(np.arctan2(forward[1], forward[0])) if flat > 1e-12 else 0.0
@@ -215,10 +222,18 @@ _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
 def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Generate the estimates of one algorithm in FRIDA's file; recording k (from 0) gets the time k seconds.
+    """Yield the estimates of one algorithm in FRIDA's file; recording k (from 0) gets the time k seconds.
 
-    The estimates of one recording are a set without order or identity, measured from the
-    array's own x axis.  The recordings have no time stamps. UsageError if array or algorithm is not clear.
+    The estimates of one recording are a set without order or identity, measured from the array's own x axis. The
+    recordings have no time stamps.
+
+    Args:
+        path: the file.
+        options: must name the array, and the algorithm if the file has several.
+        _losses: not used by this format.
+
+    Raises:
+        UsageError: the array or the algorithm is not stated, or does not exist.
     """
     if options.sensor is None:
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
@@ -244,15 +259,19 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def looks_like_telemetr(head: list[str]) -> bool:
-    """Whether the cells of a first line (`head`) are date, time, animal, code and pairs of tower and bearing."""
+    """Whether the cells of a first line are date, time, animal, code and pairs of tower and bearing."""
     return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
 
 
 def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Generate bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, taken as UTC.
+    """Yield bearings of towers, clockwise from north, from a field log of telemetr; animals are identities.
 
-    An animal's number is the identity of its bearings.  0 represents a tower without a bearing
-    (north is 360): the program that made such logs took the other towers alone for its fix.
+    Dates are month/day/year, 1900 + yy, taken as UTC. A bearing of 0 means none (north is 360) and is left out.
+
+    Args:
+        path: the log.
+        options: has the origin of the times.
+        _losses: not used by this format.
     """
     for rows in read_plain(path, "a field log of bearings"):
         columns = len(rows.cells)
@@ -280,7 +299,7 @@ def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Itera
 
 
 def _animals(cells: Strings) -> Ints:
-    """(n,) numbers of animals in cells (n,); -1 for a name that is not a number."""
+    """(n,) identities from the cells of the column of animals: whole numbers; -1 for other names."""
     return np.array([int(c) if _WHOLE_NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
 
 
@@ -295,7 +314,10 @@ def _moment(path: Path, line: int, day: str, clock: str) -> int:
 
 
 def _microphones(path: Path, part: TextPart) -> Floats:
-    """(M, 3) positions [m] of the rows of a table of microphones; InputError without one column for each axis."""
+    """(M, 3) positions [m] in a part of a table of microphones; columns end in the unit, `_cm` or `_mm`, or are in m.
+
+    InputError without exactly one column for each axis.
+    """
     out = np.empty((len(part), 3))
     for n, axis in enumerate("xyz"):
         found = [unit for unit in MICROPHONE_UNITS if part.rows.has(axis + unit)]
@@ -307,11 +329,15 @@ def _microphones(path: Path, part: TextPart) -> Floats:
 
 
 def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
-    """Arrays of a scene from a table of positions.
+    """Read microphone arrays (or direction finders) of a scene from a table of positions, in metres.
 
-    A table of LOCATA is one array with its pose.  With a header x, y, z the rows are the microphones
-    of one array at the origin, called `name` or after the file; with names as well they are arrays with their
-    positions; without a header, rows x, y are direction finders 1, 2, ... called tower1, tower2, ...
+    A table of LOCATA is one array with its pose. With a header x, y, z the rows are the microphones of one array at the
+    origin, called `name` or after the file. With names as well, rows are arrays. Without a header, rows x, y are
+    direction finders called tower1, tower2, ... (or `name`1, ...).
+
+    Raises:
+        InputError: the table is none of these, or has lengths in another unit.
+        UsageError: `name` is given for a table that names its arrays.
     """
     head = first_line(path, ARRAY_POSITIONS)
     if looks_like_locata(head):
@@ -367,7 +393,7 @@ ROWS_PER_CHUNK = 16_384
 
 
 class _OdasObject(NamedTuple):
-    """One JSON object of the stream, and the line on which it begins."""
+    """One JSON object of an ODAS stream, a hop: line on which it begins, number of the hop, and its sources."""
 
     line: int
     number: int
@@ -375,19 +401,24 @@ class _OdasObject(NamedTuple):
 
 
 def looks_like_odas(head: list[str]) -> bool:
-    """Whether the first line of a file (`head`) begins a JSON object."""
+    """Whether the first line of a file, split into cells, begins a JSON object."""
     return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
 
 
 def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[DoaRows]:
-    """Generate the directions of a stream of ODAS; an object truncated by the end of the file is added to `losses`.
+    """Yield the directions of a stream of ODAS, in the array's frame.
 
-    Sources without activity (predicted by ODAS only), or straight above or below (without azimuth), are skipped with a
-    note.
+    Sources without activity (which ODAS only predicts), or straight above or below (without azimuth), are skipped with
+    a note.
+
+    Args:
+        path: the stream.
+        options: must name the array and the hop length.
+        losses: an object that the end of the file cuts off is added.
 
     Raises:
-        UsageError: the hop or the array is not given.
-        InputError: an object is not what ODAS writes; the line is named.
+        UsageError: the hop or the array is not stated.
+        InputError: an object is not what ODAS writes; with the line.
     """
     if options.sensor is None:
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
@@ -426,7 +457,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
 
 
 def parse_hop(text: str) -> Fraction:
-    """Parse a hop length [s], a number or a quotient such as 128/16000; UsageError unless in (0, 10]."""
+    """Parse a hop length [s], a number or a quotient such as 128/16000; UsageError unless above 0 and at most 10."""
     try:
         value = Fraction(text.replace(" ", ""))
     except (ValueError, ZeroDivisionError):
@@ -437,7 +468,10 @@ def parse_hop(text: str) -> Fraction:
 
 
 def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
-    """Generate the objects of the file, read in pieces; one cut by its end is added to `losses`."""
+    """Yield the JSON objects of an ODAS stream, which is read in pieces.
+
+    If the file ends within the last object, this is added to `losses`.
+    """
     decoder = json.JSONDecoder(parse_constant=_refuse_constant)
     text, at, line, ended = "", 0, 1, False
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -462,14 +496,17 @@ def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
 
 
 def _after_blanks(text: str, at: int) -> int:
-    """Position of the first non-blank character of the text from `at` on."""
+    """Index of the first character of `text`, from `at` on, that is not white space."""
     while at < len(text) and text[at] in " \t\r\n":
         at += 1
     return at
 
 
 def _decode(decoder: json.JSONDecoder, text: str, at: int) -> tuple[object, int, str]:
-    """Decode the JSON value at a position of the text, and its end; None and the reason if incomplete."""
+    """Decode the JSON value at index `at` of a text; return the value, the index behind it, and an empty text.
+
+    None, `at` and the parser's reason if the value is incomplete or invalid.
+    """
     if at >= len(text):
         return None, at, ""
     try:
@@ -484,9 +521,9 @@ def _refuse_constant(name: str) -> float:
 
 
 def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> None:
-    """Handle the text after the last complete object: truncated (added to `losses`), or damaged (InputError).
+    """Handle the text after the last complete object of an ODAS stream.
 
-    `problem` is what the parser states.
+    An object that is cut off is added to `losses`; other text is an InputError with `problem`, the parser's reason.
     """
     cut = text.startswith("{") and text.count("{") > text.count("}")
     if not cut:
@@ -502,7 +539,7 @@ def _malformed(path: Path, line: int, problem: str) -> InputError:
 
 
 def _check(path: Path, line: int, found: object) -> _OdasObject:
-    """Convert an object `found` in a line to a hop; InputError if it has another form."""
+    """Convert a JSON value on a line of an ODAS stream to a hop; InputError if it has another form."""
     if not isinstance(found, dict):
         raise _malformed(path, line, f"a JSON {type(found).__name__}")
     count, sources = found.get("timeStamp"), found.get("src")
@@ -514,9 +551,10 @@ def _check(path: Path, line: int, found: object) -> _OdasObject:
 
 
 def _sources(path: Path, hop: _OdasObject) -> Iterator[tuple[int, float, float, float]]:
-    """Identity (-1: none), azimuth and elevation in the array's frame [rad], and confidence of each source of a hop.
+    """Yield identity, azimuth, elevation and confidence of each source of a hop.
 
-    Without sources that are idle; InputError for a vector that is not of unit length.
+    Angles [rad] are in the array's frame; the identity is -1 if there is none. Idle slots are left out. InputError for
+    a direction that is not a unit vector.
     """
     for source in hop.sources:
         identity = source.get("id", -1)

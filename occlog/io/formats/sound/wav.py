@@ -33,7 +33,7 @@ LOUDEST = 1e30
 
 @dataclass
 class Sound:
-    """An opened WAV file; `losses` is complete after all blocks have been read."""
+    """An opened WAV file: its format and length; `losses` is complete after all blocks have been read."""
 
     path: Path
     channels: int
@@ -46,7 +46,10 @@ class Sound:
     losses: list[Loss] = field(default_factory=list)
 
     def blocks(self, size: int = 65536) -> Iterator[Floats]:
-        """Generate (n, channels) samples with full scale 1, `size` frames at a time."""
+        """Yield samples (n, channels) with full scale 1, in blocks of `size` time steps.
+
+        Samples that are no numbers or beyond 1e30 become 0; these, and missing ones at the end, are added to `losses`.
+        """
         if self.promised is None:
             self.losses.append(Loss(self.path.name, "header", "does not state the length; read to the end of the file"))
         elif self.frames < self.promised:
@@ -95,7 +98,7 @@ class Sound:
 
 
 def open_sound(path: Path) -> Sound:
-    """Open a WAV file and parse its header; InputError for another file, or one without sound."""
+    """Parse the header of a WAV file; InputError if it is another file, has an unsupported format, or no samples."""
     check_input(path, WHAT)
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -126,7 +129,10 @@ def open_sound(path: Path) -> Sound:
 
 
 def _is_more(path: Path, at: int) -> bool:
-    """Whether data after the declared samples, from byte `at` on, are more samples, or a second chunk of samples."""
+    """Whether the bytes after the declared samples, from byte `at` on, are more samples or a second `data` chunk.
+
+    False for chunks of other kinds.
+    """
     size = path.stat().st_size
     with path.open("rb") as file:
         for _ in range(MAX_CHUNKS):
@@ -157,9 +163,15 @@ def _left(path: Path, at: int) -> Loss:
 
 
 def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
-    """Format chunk, start of the samples, and their size [bytes] by the header.
+    """Content of the format chunk, first byte of the samples, and their declared size [bytes].
 
-    `large`: the file is RF64, with sizes of 64 bits. InputError without format or samples.
+    Args:
+        path: file, for messages.
+        file: the open file, behind its first 12 bytes.
+        large: it is RF64, with sizes of 64 bits.
+
+    Raises:
+        InputError: the format chunk or the samples are missing.
     """
     form: bytes | None = None
     long_length: int | None = None
@@ -184,9 +196,9 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
 
 
 def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
-    """Channels, rate, bits per sample, and whether they are floats; InputError for unsupported formats.
+    """Channels, sampling rate [Hz], bits per sample, and whether samples are floats.
 
-    `form` are the bytes of the format chunk.
+    `form` are the bytes of the format chunk. InputError for unsupported or damaged formats.
     """
     if len(form) < 16:
         raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again", id="damaged-file")

@@ -28,7 +28,7 @@ from typing import IO, NoReturn
 FORKS = sys.platform == "linux"
 """True where processes are forked; elsewhere libraries that were loaded before a fork may not work after it."""
 PATIENCE = 5.0
-"""Time for the nursery to end its processes and itself [s]."""
+"""Time for the fork server to end its processes and itself [s]."""
 _REQUEST, _KILL = b"F", b"K"
 _NUMBER = struct.Struct("i")
 
@@ -40,8 +40,8 @@ class ForkedProcess:
     Attributes:
         stdin: pipe to its standard input.
         stdout: pipe from its standard output.
-        pid: number of the process.
-        returncode: exit code, or minus the number of the signal that ended it; None if unknown.
+        pid: process id.
+        returncode: exit code, or minus the number of the signal that ended it; None while it runs.
     """
 
     stdin: IO[bytes]
@@ -51,7 +51,7 @@ class ForkedProcess:
     returncode: int | None = None
 
     def poll(self) -> int | None:
-        """Return the exit status, or None while it runs."""
+        """Exit code, or minus the number of the signal that ended the process; None while it runs. Does not wait."""
         if self.returncode is None:
             self._line.setblocking(False)
             with suppress(BlockingIOError):
@@ -59,26 +59,26 @@ class ForkedProcess:
         return self.returncode
 
     def wait(self) -> int:
-        """Wait for its end, and return the exit status."""
+        """Wait for the end of the process; return its exit code, or minus the number of the signal that ended it."""
         if self.returncode is None:
             self._line.setblocking(True)
             self._end(self._line.recv(_NUMBER.size))
         return self.returncode or 0
 
     def kill(self) -> None:
-        """Request the fork server to kill the process if it still runs."""
+        """Ask the fork server to kill the process, if it still runs; does not wait."""
         if self.returncode is None:
             with suppress(OSError):
                 self._line.send(_KILL)
 
     def _end(self, reported: bytes) -> None:
-        # Without a word the nursery itself was killed, and those of its processes that ran with it
+        # Without a word the fork server itself was killed, and those of its processes that ran with it
         self.returncode = _NUMBER.unpack(reported)[0] if reported else -signal.SIGKILL
         self._line.close()
 
 
 class ForkServer:
-    """Client side of a server process that forks decoding processes."""
+    """Client side of a server process that forks decoding processes; the server is started on first use."""
 
     def __init__(self) -> None:
         """Create a fork server that is not started."""
@@ -91,11 +91,11 @@ class ForkServer:
         """Fork a process that runs the job on its standard input (`process_main`).
 
         Args:
-            environment: of the fork server, if it has to be started.
-            memory: descriptor of what it shares with this process; None: nothing.
+            environment: environment variables of the fork server, if it has to be started.
+            memory: descriptor of memory to share with the new process; None: nothing.
 
         Raises:
-            OSError: none can be had.
+            OSError: the fork server cannot be started, or has ended.
         """
         given, stdin = os.pipe()
         stdout, taken = os.pipe()
@@ -153,12 +153,12 @@ class ForkServer:
         self._process = self._requests = None
 
     def stop(self) -> None:
-        """End the fork server; it is started again when a process is requested."""
+        """End the fork server and its processes; it is started again when a process is requested."""
         with self._lock:
             self._stop()
 
     def forget(self) -> None:
-        """Release the fork server after a fork of this process, which must not end it."""
+        """Let go of the fork server, without ending it, in a child after this process was forked."""
         self._lock = threading.Lock()
         if self._requests is not None:
             self._requests.close()
@@ -174,10 +174,10 @@ if hasattr(os, "register_at_fork"):
 
 
 class _Served:
-    """Server side: its child processes, and the descriptors that wake it.
+    """The fork server itself: its child processes, and the descriptors that wake it.
 
     Attributes:
-        memory: in a forked process, descriptor of what it shares with whoever asked for it; None: nothing.
+        memory: in a forked child, descriptor of the memory that it shares with its client; None: nothing.
     """
 
     def __init__(self) -> None:
@@ -195,7 +195,7 @@ class _Served:
         self._selector.register(self._wake, selectors.EVENT_READ)
 
     def serve(self) -> None:
-        """Serve requests until they end; returns in a forked child only."""
+        """Answer requests of the client; returns in a forked child only, and exits when the client has closed."""
         while True:
             for key, _ in self._selector.select():
                 if key.fileobj is self._requests:
@@ -212,7 +212,11 @@ class _Served:
                     self._hear(key.data)
 
     def _fork(self, descriptors: list[int]) -> bool:
-        """Fork; True in the child, with standard input and output set to the received descriptors."""
+        """Fork; True in the child, which has the received descriptors as standard input and output.
+
+        Args:
+            descriptors: standard input, standard output, line to the client and, if any, shared memory; closed in both.
+        """
         stdin, stdout, line, *memory = descriptors
         pid = os.fork()
         if pid == 0:
@@ -235,7 +239,7 @@ class _Served:
         return pid == 0
 
     def _hear(self, pid: int) -> None:
-        """Kill the child `pid` on request, or if its receiver has closed."""
+        """Kill the child `pid`, since its client asks for it or has closed the line."""
         if pid in self._lines:
             with suppress(OSError):
                 self._lines[pid].recv(1)
@@ -243,7 +247,7 @@ class _Served:
             self._selector.unregister(self._lines[pid])
 
     def _bury(self) -> None:
-        """Report the exit status of each ended child."""
+        """Wait for each child that has ended, and report its exit status to its client."""
         while self._lines:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
@@ -262,7 +266,7 @@ class _Served:
 
 
 def main() -> None:
-    """Load the decoding libraries, serve requests, and decode in the child."""
+    """Run the fork server: load the decoding libraries, answer requests, and in a forked child decode its job."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
     gc.disable()  # loaded objects stay; traversing them repeatedly takes time
     from . import process_main

@@ -30,13 +30,16 @@ AHEAD = 2**23
 
 
 def slot_size(width: int, height: int) -> int:
-    """Slot size [bytes] for images of width x height; 0 if a pipe is better or memory cannot be shared."""
+    """Size [bytes] of a slot of shared memory for images of width x height; 0 if a pipe serves better.
+
+    0 also if memory cannot be shared on this system.
+    """
     size = 3 * width * height
     return size if SHARED and SMALLEST <= size <= LARGEST else 0
 
 
 class SharedImages:
-    """Client side of the shared memory.
+    """Client side of the memory through which a decoding process returns images.
 
     Attributes:
         file: descriptor of the memory, for the decoding process.
@@ -44,14 +47,14 @@ class SharedImages:
     """
 
     def __init__(self) -> None:
-        """Create shared memory without slots."""
+        """Create an empty memory file without space for images."""
         self.file = os.memfd_create("images", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self.size = self._slots = 0
         self._held: set[int] = set()
         self._freed: deque[int] = deque()
 
     def cut(self, size: int) -> None:
-        """Create the slots, once; the size of the memory is fixed from then on."""
+        """Allocate slots of `size` bytes, once; the size of the memory is fixed from then on."""
         import fcntl
 
         self.size, self._slots = size, min(max(AHEAD // size, MIN_SLOTS), MAX_SLOTS)
@@ -60,10 +63,12 @@ class SharedImages:
         self._memory = mmap.mmap(self.file, self._slots * size)
 
     def image(self, slot: int, shape: tuple[int, ...]) -> Image:
-        """Image of a shape in a slot: a view, or a copy if the decoder would have no slot left.
+        """Image of a shape in a slot: a view, or a copy if the decoder would have no free slot left.
+
+        The slot is free again when the view is released.
 
         Raises:
-            InputError: there is no such slot, or no such image fits into it.
+            InputError: there is no such slot, it is in use, or the image does not fit into it.
         """
         count = int(np.prod(shape))
         if not (0 <= slot < self._slots and 0 < count <= self.size) or slot in self._held:
@@ -78,7 +83,10 @@ class SharedImages:
         return image
 
     def freed(self) -> bytes:
-        """Slots to return to the decoder; empty as long as it has more than half of them."""
+        """Numbers of released slots to return to the decoder, a byte each.
+
+        Empty while it has more than half of all slots.
+        """
         if 2 * len(self._held) < self._slots:
             return b""
         slots = bytes(self._freed.popleft() for _ in range(len(self._freed)))
@@ -94,26 +102,28 @@ class SharedImages:
 
 
 class Slots:
-    """Decoder side of the memory in which images are passed."""
+    """Decoder side of the memory through which images are returned: hands out free slots."""
 
     def __init__(self, file: int, size: int, wait: Callable[[], bytes]) -> None:
-        """Use the slots of a memory.
+        """Map a shared memory; all slots are free.
 
         Args:
             file: descriptor of the memory.
             size: of a slot [bytes].
-            wait: gives the numbers of slots that are free again, at least one; none: the receiver has closed.
+            wait: waits for, and returns, the numbers of released slots, a byte each; empty: the receiver has closed.
         """
         count = os.fstat(file).st_size // size
         self._memory, self._size, self._wait = mmap.mmap(file, count * size), size, wait
         self._free = list(range(count))
 
     def free(self, slots: bytes) -> None:
-        """Take back released slots, a byte for the number of each."""
+        """Add released slots, a byte for the number of each."""
         self._free.extend(slots)
 
     def target(self, shape: tuple[int, ...]) -> Image | None:
-        """Image of a shape in the next free slot, to be decoded into; None if it does not fit.
+        """Array of a shape in the next free slot, to decode into.
+
+        Waits for one. None if the image does not fit into a slot.
 
         Raises:
             BrokenPipeError: the receiver has closed.
@@ -129,7 +139,10 @@ class Slots:
         return np.frombuffer(self._memory, np.uint8, count, self._free[0] * self._size).reshape(shape)
 
     def deliver(self, image: Image) -> int | None:
-        """Slot that holds an image; copies it into a free one if necessary; None if it does not fit."""
+        """Number of the slot that holds an image, which is copied into a free one if necessary.
+
+        None if it does not fit. The slot is in use until `free` returns it.
+        """
         target = self.target(image.shape)
         if target is None:
             return None

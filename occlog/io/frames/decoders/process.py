@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class DecodingJob(TypedDict, total=False):
-    """What the decoding process is to decode, and in which form it returns it."""
+    """What a decoding process is to decode, and in which form it returns frames; sent to it as JSON."""
 
     kind: Required[Literal["video", "images", "messages"]]  # messages: images that come on standard input
     path: Required[str]  # video file, or folder of the images
@@ -45,7 +45,7 @@ class DecodingJob(TypedDict, total=False):
 
 
 class DecoderMessage(TypedDict, total=False):
-    """Message of the decoding process: input properties, a frame, the end, or an error."""
+    """Header (JSON) of a message of the decoding process: properties of the input, a frame, the end, or an error."""
 
     size: tuple[int, int]
     frames: int | None
@@ -64,7 +64,7 @@ class DecoderMessage(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """A frame: number, time since the start of the file (None: unknown), and image or compressed bytes."""
+    """A frame from a decoding process: number, time since the start of the file [ns] (None: unknown), and its data."""
 
     index: int
     pos_ns: int | None
@@ -74,7 +74,7 @@ class Delivered:
 
     @property
     def image(self) -> Image:
-        """Decoded image of a `raw` frame."""
+        """Image (h, w, 3) BGR or (h, w) grey of a `raw` frame."""
         if isinstance(self.data, np.ndarray):
             return self.data
         return np.frombuffer(self.data, np.uint8).reshape(self.shape)
@@ -82,16 +82,20 @@ class Delivered:
 
 @dataclass
 class Decoder:
-    """A running decoder; a context manager that ends the process.
+    """A running decoding process; a context manager that ends it.
 
     Attributes:
+        path: the video file or image folder.
+        process: the process.
         size: width and height of the frames [px].
         frames: number of frames announced, None if unknown.
         rate_hz: frame rate as stated, None if not.
         bars: width of black bars at the left, top, right and lower edge [px].
-        facts: what the file states of its pictures, as findings with their values.
+        facts: what the file states of its pictures, as ids of findings with their values.
         start_s: time stamp of the first frame in the file [s], which counts as 0; None: not known.
         losses: the losses; complete when all frames have been read.
+        death: how the process ended before its time; empty: it did not.
+        shared: memory through which images are returned; None: a pipe.
     """
 
     path: Path
@@ -107,17 +111,17 @@ class Decoder:
     shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
-        """Send a waiting video decoder the number of its first frame, and the size of slots in the shared memory."""
+        """Start a waiting video decoder: send its first frame number and, if images are large, share memory with it."""
         size = slot_size(*self.size) if self.shared is not None else 0
         if self.shared is not None and size:
             self.shared.cut(size)
         self._write(b"%d %d\n" % (start, size))
 
     def image_of(self, data: bytes, where: str) -> Image:
-        """Decode compressed image bytes (decoder of `messages`); `where` names the image.
+        """Decode an image file given as bytes (with a decoder of `messages`); `where` names it in messages.
 
         Raises:
-            InputError: it cannot be decoded; if the process has ended, because of it.
+            InputError: it cannot be decoded, or the process has ended, which this image may have caused.
         """
         freed = self._freed()
         self._write(struct.pack(">IB", len(data), len(freed)), freed, data)
@@ -131,7 +135,7 @@ class Decoder:
         return payload if isinstance(payload, np.ndarray) else np.frombuffer(payload, np.uint8).reshape(header["s"])
 
     def _freed(self) -> bytes:
-        """Slots of shared memory to return to the process."""
+        """Numbers of released slots of shared memory to return to the process, a byte each; empty if there are none."""
         return self.shared.freed() if self.shared is not None and self.shared.size else b""
 
     def _write(self, *parts: bytes) -> None:
@@ -142,7 +146,7 @@ class Decoder:
             pipe.flush()
 
     def __enter__(self) -> Self:
-        """Wait until the process knows the frame size; InputError if it cannot open the file."""
+        """Wait for the properties of the input, and set the attributes; InputError if the process cannot open it."""
         try:
             message = self._receive()
             if message is None:
@@ -180,7 +184,13 @@ class Decoder:
             self.shared.close()
 
     def delivered(self) -> Iterator[Delivered]:
-        """Generate the frames in order; InputError if none is usable, a loss if the decoder dies early."""
+        """Yield the frames in order.
+
+        If the process dies early, that is a loss; `losses` is complete at the end.
+
+        Raises:
+            InputError: no frame can be used.
+        """
         last = None
         while True:
             freed = self._freed()
@@ -206,7 +216,10 @@ class Decoder:
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
     def _receive(self) -> tuple[DecoderMessage, bytes | bytearray | Image] | None:
-        """Next message; None if the process died; InputError if it reports an error."""
+        """Next message of the process: header, and bytes or image; None if the process has ended.
+
+        InputError if the message is an error.
+        """
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
         if len(head) < 8:
@@ -233,10 +246,12 @@ class Decoder:
 
 
 def start_decoder(job: DecodingJob) -> Decoder:
-    """Start a decoding process, for use in a `with` statement, which waits until it is ready.
+    """Start a decoding process and send it its job.
+
+    Use the decoder in a `with` statement, which waits until it is ready.
 
     Args:
-        job: what `occlog.io.frames.decoders.process_main` is to do.
+        job: what is decoded, and in which form it is returned.
     """
     with suppress(FileNotFoundError):  # the folder was taken away: absolute paths still work
         job = {**job, "cwd": str(Path.cwd())}
@@ -259,7 +274,10 @@ def start_decoder(job: DecodingJob) -> Decoder:
 
 
 def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | ForkedProcess:
-    """Start a process that waits for its job; `shared` is the memory in which it returns images, None: none."""
+    """Start a process that waits for its job on standard input: forked if the system allows, else a new interpreter.
+
+    `shared` is the memory through which it returns images; None: a pipe.
+    """
     environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:
         return FORK_SERVER.fork(environment, None if shared is None else shared.file)

@@ -41,7 +41,7 @@ SILENCERS = ("OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
 
 
 class Log:
-    """File that replaces standard error, to capture decoder messages."""
+    """Temporary file in place of standard output and error, to capture messages of the decoding libraries."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115
@@ -50,7 +50,10 @@ class Log:
         self._read = 0
 
     def news(self) -> str:
-        """First line written since the last call, without addresses; "" if none."""
+        """First line that was written since the last call, without addresses and cut to `MAX_TEXT`.
+
+        "" if there is none.
+        """
         size = os.fstat(self._file.fileno()).st_size
         if size <= self._read:
             return ""
@@ -61,7 +64,7 @@ class Log:
 
 
 def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"") -> None:
-    """Send a message: lengths, JSON header, payload."""
+    """Write a message to `out`: two lengths (4 bytes each, big-endian), the header as JSON, and the payload."""
     text = json.dumps(header).encode()
     out.write(struct.pack(">II", len(text), len(payload)))
     out.write(text)
@@ -70,13 +73,16 @@ def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"
 
 
 def load() -> None:
-    """Import the modules that every job needs, before forking."""
+    """Import the modules that every job needs, so that forked processes have them."""
     from occlog.io.frames import decode  # noqa: F401
     from occlog.io.video import avi, mkv, mp4  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
-    """Run the job on standard input; `memory` is shared with the caller."""
+    """Run the job on standard input, send messages to standard output, and exit.
+
+    `memory` is the descriptor of memory shared with the client; None: there is none.
+    """
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
@@ -147,9 +153,9 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
 
 
 def _slots(memory: int | None, size: int) -> Slots | None:
-    """Slots of a size [bytes] in the shared memory; None without one (`memory` is its descriptor, or None).
+    """Slots of a size [bytes] in the memory shared with the client; None without memory or slots.
 
-    Released slots are read from standard input.
+    `memory` is its descriptor. Numbers of released slots are read from standard input.
     """
     if memory is None or not size:
         return None
@@ -157,12 +163,14 @@ def _slots(memory: int | None, size: int) -> Slots | None:
 
 
 def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
-    """Decode images from standard input, each preceded by its length and the released slots; answer each.
+    """Decode image files from standard input, and answer each with an image or an error, until the input ends.
+
+    Each is preceded by its length (4 bytes), the number of released slots (1 byte), and their numbers.
 
     Args:
-        job: size of slots.
-        out: answers.
-        log: of the process.
+        job: has the size of slots.
+        out: pipe for the answers.
+        log: captures messages of the libraries.
         memory: descriptor of the shared memory; None: there is none.
     """
     from ..codec import decode_image, image_size
@@ -196,10 +204,10 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
 
 
 def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slots | None) -> None:
-    """Send an image to the parent process: through shared memory if it fits there, else after the header.
+    """Send an image to the client: through shared memory if it fits there, else after the header.
 
     Args:
-        out: pipe to the parent.
+        out: pipe to the client.
         header: message that precedes the image; shape and slot are added to a copy of it.
         image: pixels.
         slots: shared memory; None: there is none.
@@ -244,16 +252,16 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
 
 
 def bytes_of(image: Image) -> memoryview:
-    """Bytes of an image in row-major order."""
+    """Pixels of an image in row-major order as a view of bytes; copied only if they are not contiguous."""
     import numpy as np
 
     return np.ascontiguousarray(image).reshape(-1).data
 
 
 def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image, bytes]:
-    """First of the image files that can be decoded, and the content of the file; InputError if none can.
+    """First image that can be decoded among the files, and the bytes of its file; InputError if there is none.
 
-    `files` has number and path of each.
+    `files` has (frame number, path) of each.
     """
     from ..codec import decode_image
 

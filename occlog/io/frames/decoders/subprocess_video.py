@@ -21,17 +21,17 @@ _idle: list[Decoder] = []
 
 
 def decode_apart(data: bytes, where: str) -> Image:
-    """Decode PNG, JPEG or other compressed bytes in another process.
+    """Decode an image file, given as bytes, in another process.
 
     Args:
         data: content of the file.
-        where: what errors begin with.
+        where: name of the image, with which errors begin.
 
     Returns:
         (h, w, 3) BGR or (h, w) grey, writable.
 
     Raises:
-        InputError: damaged, too large, no image, or the decoder crashed or met a limit.
+        InputError: it is damaged, too large, no image, or the decoder crashed or met a limit.
     """
     check_image(data, where)
     decoder = _take(slot_size(*image_size(data) or (0, 0)))
@@ -51,7 +51,10 @@ def decode_apart(data: bytes, where: str) -> Image:
 
 
 def _take(size: int) -> Decoder:
-    """Get an idle process, or start one, with shared memory slots of this size [bytes]."""
+    """Idle decoding process with slots of at least `size` bytes in its shared memory, or a new one.
+
+    Idle processes with smaller slots are ended.
+    """
     while _idle:
         try:
             decoder = _idle.pop()
@@ -65,7 +68,7 @@ def _take(size: int) -> Decoder:
 
 
 def end_idle() -> None:
-    """End the idle image processes."""
+    """End all idle processes that decode images."""
     while _idle:
         _idle.pop().close()
 
@@ -76,7 +79,7 @@ if hasattr(os, "register_at_fork"):  # a process that was forked must not write 
 
 
 class SubprocessVideo:
-    """Frames of a video, decoded forwards in another process, one frame ahead."""
+    """Frames of a video, decoded forwards in another process, which works ahead."""
 
     def __init__(self, path: Path) -> None:
         """Open the video; InputError unless at least one frame can be decoded."""
@@ -94,7 +97,10 @@ class SubprocessVideo:
         return self._decoder
 
     def read(self, index: int) -> Image | None:
-        """Frame with number `index`, None if it cannot be decoded; earlier frames are skipped."""
+        """Frame with the number `index`; None if it cannot be decoded.
+
+        Frames before it are skipped, so that calls must be in increasing order.
+        """
         decoder = self._decoder or self._open()
         if not self._begun:
             decoder.begin(index)
@@ -108,7 +114,7 @@ class SubprocessVideo:
 
     @property
     def death(self) -> str:
-        """Reason of an early end of the process; "" if there is none."""
+        """How the process ended before its time; "" if it did not."""
         return "" if self._decoder is None else self._decoder.death
 
     def close(self) -> None:

@@ -46,21 +46,23 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def is_end_mark(code: int, length: int) -> bool:
-    """Whether a record with an opcode and a length [bytes] is an end mark."""
+    """Whether an opcode and a length [bytes] are those of a DATA_END or FOOTER record."""
     return END_BYTES.get(code) == length
 
 
 def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
-    """Position after the recording with a data section that ends with the end mark at byte `at`.
+    """First byte after an MCAP recording, of which an end mark begins at byte `at`.
+
+    Only records of an index and a footer may follow the mark.
 
     Args:
-        file: an MCAP file.
-        at: where an end mark of the right length begins.
-        size: length of the file.
+        file: open MCAP file.
+        at: byte at which an end mark of the right length begins.
+        size: length of the file [bytes].
 
     Returns:
-        `size` too where the file is cut in the index; None: the data behind are no index, so that the mark is none, or
-        the index is damaged.
+        `size` also if the file is cut off within the index. None if other data follow: it is no end mark, or the index
+            is damaged.
     """
     while at < size:
         file.seek(at)
@@ -80,17 +82,17 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
 
 
 def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None:
-    """First index after byte `begin` with a footer that shows that it belongs to a recording that begins there.
+    """First intact index after byte `begin` that belongs to the recording that begins there.
 
-    Positions in an index are relative to the beginning of its recording.
+    Positions in an index are relative to the beginning of its recording; an index of another one is not accepted.
 
     Args:
-        file: an MCAP file.
-        begin: where a recording begins.
-        size: length of the file.
+        file: open MCAP file, with one or more recordings.
+        begin: byte at which a recording begins.
+        size: length of the file [bytes].
 
     Returns:
-        Where the index begins in the file, and its records; None: no complete one.
+        Byte at which the index begins, and its records; None without a complete one.
     """
     offsets = [size - FOOTER_BYTES - len(RECORDING_MAGIC)] if begin == 0 else []
     at: int | None = begin + len(RECORDING_MAGIC)
@@ -108,9 +110,9 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
 
 
 def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | None:
-    """First byte and bytes of the index of a recording before the footer at byte `at`.
+    """First byte and content of the index of a recording before the footer at byte `at`.
 
-    None if it is damaged, or there is no footer. `begin` is the first byte of the recording.
+    None if there is no footer, or the index is damaged. `begin` is the first byte of the recording.
     """
     file.seek(max(at, 0))
     footer = file.read(FOOTER_BYTES + len(RECORDING_MAGIC))
@@ -128,7 +130,7 @@ def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | N
 
 
 def are_records(data: bytes) -> bool:
-    """Whether data are complete records of an index, in sequence."""
+    """Whether bytes are complete records, in sequence, of kinds that an index has."""
     at = 0
     while at + HEAD.size <= len(data):
         code, length = HEAD.unpack_from(data, at)
@@ -139,7 +141,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Position of the first match of `marks` in the bytes from `at` up to `size`; None if there is none."""
+    """Byte of the first match of the pattern `marks` in a file from byte `at` up to `size`; None if there is none."""
     block = 1 << 20
     while at < size:
         file.seek(at)
@@ -151,10 +153,13 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
 
 
 class SalvagedRecording:
-    """One of the recordings in a file, while it is salvaged."""
+    """One of the recordings in a file, and what is known of it while it is salvaged.
+
+    Definitions, metadata and numbers of channels hold for this recording only.
+    """
 
     def __init__(self, at: int) -> None:
-        """`at`: byte of the file at which it begins."""
+        """Start a recording that begins at byte `at` of the file."""
         self.at = at
         self.schemas: dict[int, records.Schema] = {}
         self.channels: dict[int, records.Channel] = {}
@@ -181,22 +186,23 @@ class SalvagedRecording:
         """CRC-32 of the last time's messages by topic, of topics with messages that all have the number 0."""
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
-        """Whether a schema or channel number is redefined differently, i.e. belongs to another recording."""
+        """Whether a schema or channel number is defined already in another way, so that another recording has begun."""
         known = self.schemas if isinstance(found, records.Schema) else self.channels
         return found.id in known and bool(known[found.id] != found)
 
     def define(self, found: records.Schema | records.Channel) -> None:
-        """Add the definition of a schema or channel."""
+        """Keep a schema or channel by its number."""
         if isinstance(found, records.Schema):
             self.schemas[found.id] = found
         else:
             self.channels[found.id] = found
 
     def is_copy(self, topic: str, number: int, t_ns: int, data: bytes) -> bool:
-        """Whether a message is a duplicate: its topic had the same number before, at its time or later.
+        """Whether a message is a duplicate: one of its topic had its sequence number before, at its time or later.
 
         Numbers increase within a topic, so that duplicates indicate a part of the file that was written twice; they are
-        counted. If all numbers are 0 (none), messages of one time are duplicates if their bytes are equal.
+        counted in `copies`. If all numbers are 0 (none), messages of one time are duplicates if their bytes are equal.
+        Notes the message for later calls.
 
         Args:
             topic: of the message.
@@ -230,17 +236,20 @@ class SalvagedRecording:
         return False
 
     def latest(self) -> dict[str, int]:
-        """Time of the last message of each topic so far, of the recordings before it as well [ns]."""
+        """Time [ns] of the last message of each topic so far, in this recording and those before it."""
         topics = self._latest.keys() | self.before.keys()
         return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
-        """Name of the schema of a channel, by its number; empty if lost."""
+        """Name of the schema of the channel with this number; empty if its definition is lost."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return "" if schema is None else str(schema.name)
 
     def lost(self) -> list[tuple[str, str, int | None]]:
-        """Topic, time and number of lost messages; None: unknown whether there were any."""
+        """(topic, time range as text, number) of lost messages, by channel.
+
+        Number None: unknown whether there were any.
+        """
         counts = self.counts if self.counts is not None else dict.fromkeys(self.channels)
         return [
             (self.channels[channel_id].topic, location, messages)

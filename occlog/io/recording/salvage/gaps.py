@@ -16,14 +16,14 @@ from occlog.io.recording.chunks import MESSAGE_HEAD
 
 
 class Gap(NamedTuple):
-    """Damaged section between two messages of a topic.
+    """Damaged section between two messages of a channel.
 
     Attributes:
-        before: time of the last message before it [ns]; None: missing.
-        after: time of the first message behind it [ns]; None: missing.
-        jump: messages that are lost by their numbers, if these rise by one; None: one end is open.
-        indexed: messages that indexes of the chunks in it count.
-        whole: whether there is such an index of all that is damaged.
+        before: time of the last message before it [ns]; None: there is none.
+        after: time of the first message behind it [ns]; None: there is none.
+        jump: number of missing messages by sequence numbers, if these increase by one; None: one end is open.
+        indexed: number of messages in it by the message indexes after damaged chunks.
+        whole: whether such indexes cover all of the damage.
     """
 
     before: int | None
@@ -34,14 +34,14 @@ class Gap(NamedTuple):
 
     @property
     def location(self) -> str:
-        """Time range of the gap, for losses."""
+        """Time range of the section as text, for losses."""
         if self.before is None:
             return "all of it" if self.after is None else f"before {utc(self.after)}"
         return f"after {utc(self.before)}" if self.after is None else f"{utc(self.before)} to {utc(self.after)}"
 
 
 class Damage:
-    """Damage of a recording so far, for all topics."""
+    """Damage of a recording so far, which its channels compare with their own messages."""
 
     def __init__(self) -> None:
         self.n_locations = 0
@@ -53,17 +53,17 @@ class Damage:
         self._behind = self._reported = False
 
     def begin(self) -> None:
-        """Record the start of damage at one more position."""
+        """Count a damaged position."""
         self.n_locations += 1
         self.unknown += 1
         self._behind, self._reported = True, False
 
     def end(self) -> None:
-        """Note that a message was read completely, so that message indexes after it belong to intact chunks."""
+        """Note that a message is intact, so that message indexes from here on belong to intact chunks."""
         self._behind = False
 
     def index(self, channel: int, messages: int) -> None:
-        """Add a message index: the number of messages of a channel in the chunk before it."""
+        """Count the messages of a channel that the message index after a chunk states, if that chunk is damaged."""
         if not self._behind:
             return
         if not self._reported:
@@ -73,10 +73,13 @@ class Damage:
 
 
 class ChannelTally:
-    """Counts the messages of one channel, and the gaps between them."""
+    """Counts the messages of one channel of a recording, and finds gaps at damaged positions."""
 
     def __init__(self, channel: int, damage: Damage) -> None:
-        """Start without messages of a channel; `damage` is that of the whole recording, and grows while it is read."""
+        """Start without messages of the channel with this number.
+
+        `damage` is that of the whole recording; it grows while the recording is read.
+        """
         self.messages = 0
         self._channel, self._damage = channel, damage
         self._last: tuple[int, int] | None = None  # number and time of the last message
@@ -85,7 +88,7 @@ class ChannelTally:
         self._gaps: list[Gap] = []
 
     def add(self, number: int, t_ns: int) -> None:
-        """Count a message with a sequence number and a time [ns]; after damage a possible gap is recorded."""
+        """Count a message with a sequence number and a time [ns]; if damage came before it, a gap is noted."""
         if self._damage.n_locations > self._seen[0]:
             self._gaps.append(self._gap(t_ns, number))
         elif self._last is not None and self._rising is not False:
@@ -94,10 +97,10 @@ class ChannelTally:
         self.messages += 1
 
     def lost(self, count: int | None) -> list[tuple[str, int | None]]:
-        """Times and numbers of lost messages; None: unknown whether there were any.
+        """(time range as text, number) of lost messages; number None: unknown whether there were any.
 
         Args:
-            count: messages of the channel, by the statistics of the index; None: they are lost.
+            count: number of messages of the channel by the statistics of the index; None: unknown.
         """
         gaps = list(self._gaps)
         if self._damage.n_locations > self._seen[0]:
@@ -116,7 +119,7 @@ class ChannelTally:
         return [(gap.location, n) for gap, n in zip(gaps, counts, strict=True) if n]
 
     def _missing(self, gap: Gap) -> int | None:
-        """Number of messages lost in a gap; None if unknown."""
+        """Number of messages lost in a gap, by message indexes or sequence numbers; None if unknown."""
         if gap.whole:
             return gap.indexed
         return gap.jump if self._rising else None
@@ -132,15 +135,15 @@ class ChannelTally:
 
 
 class Written:
-    """Times and check sums of written messages by topic: 8 bytes per message, and more once a topic is queried."""
+    """Hashes (8 bytes) of the messages that were written, by topic, to recognise duplicates."""
 
     def __init__(self) -> None:
-        """Create an empty list of written messages."""
+        """Start without messages."""
         self._all: dict[str, array[int]] = {}
         self._asked: dict[str, set[int]] = {}
 
     def add(self, topic: str, t_ns: int, record: bytes) -> None:
-        """Add a message of a topic and time [ns]; `record` includes its header."""
+        """Note a written message of a topic and time [ns]; `record` is its content with the message header."""
         key = _key(t_ns, record)
         if topic in self._asked:
             self._asked[topic].add(key)
@@ -148,7 +151,10 @@ class Written:
             self._all.setdefault(topic, array("Q")).append(key)
 
     def holds(self, topic: str, t_ns: int, record: bytes) -> bool:
-        """Whether a message of this topic, time [ns] and content (`record`, with its header) was written."""
+        """Whether a message of this topic, time [ns] and content was written.
+
+        `record` is the content with its header, which is not compared.
+        """
         if topic not in self._asked:
             self._asked[topic] = set(self._all.pop(topic, ()))
         return _key(t_ns, record) in self._asked[topic]

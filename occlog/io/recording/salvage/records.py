@@ -52,21 +52,21 @@ _LONG = 15
 
 
 def recover_block_tail(frame: bytes, whole: bytes, most: int) -> bytes:
-    """Decompressed bytes after the whole blocks of a truncated LZ4 frame.
+    """Decompressed bytes of the truncated last block of an LZ4 frame; empty if no compressed block is truncated.
 
     Args:
-        frame: an LZ4 frame, possibly truncated.
-        whole: what its whole blocks unpack to, and plain bytes of the block with the cut.
-        most: how many bytes `whole` and the rest may be together.
+        frame: the LZ4 frame, possibly truncated.
+        whole: decompressed bytes before that block.
+        most: limit of the size of `whole` and the result together [bytes].
     """
     block = _cut_block(frame)
     return _sequences(block, whole, most - len(whole)) if block is not None else b""
 
 
 def _cut_block(frame: bytes) -> bytes | None:
-    """Compressed bytes of the last block if the frame ends within it.
+    """Compressed bytes of the last block of an LZ4 frame that ends within it.
 
-    None if uncompressed, or the frame is complete.
+    None if that block is not compressed, or the frame is complete or invalid.
     """
     if len(frame) < _HEAD or _LENGTH.unpack_from(frame)[0] != _MAGIC:
         return None
@@ -85,9 +85,12 @@ def _cut_block(frame: bytes) -> bytes | None:
 
 
 def _sequences(block: bytes, before: bytes, most: int) -> bytes:
-    """Decompress LZ4 sequences of a block up to the end of the data, or to the first invalid one.
+    """Decompress the LZ4 sequences of a block up to the end of the data, or to the first invalid one.
 
-    `before` are the decompressed bytes before the block, to which sequences refer, `most` limits the result [bytes].
+    Args:
+        block: compressed block, possibly truncated.
+        before: decompressed bytes before the block, to which sequences refer.
+        most: limit of the result [bytes].
     """
     out, skipped, at = bytearray(before[-65_535:]), len(before[-65_535:]), 0
     while at < len(block) and len(out) - skipped < most:
@@ -108,9 +111,12 @@ def _sequences(block: bytes, before: bytes, most: int) -> bytes:
 
 
 def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
-    """Decode an LZ4 length, of which `length` is the 4-bit beginning; return it with the next position.
+    """Decode an LZ4 length; return it and the index behind it. It is partial if the block is truncated.
 
-    `at` is the byte of the block that may continue it; the length is partial if the block is truncated.
+    Args:
+        block: compressed block.
+        at: index of the byte that may continue the length.
+        length: its 4-bit beginning; below 15 it is complete.
     """
     if length < _LONG:
         return length, at
@@ -146,19 +152,19 @@ FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryE
 
 
 class DamageReporter(Protocol):
-    """Function to which damage is reported."""
+    """Function that is called for every damage in a file."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
-        """Report damage at a byte of the file, its description, and whether messages may be lost."""
+        """Report damage at byte `at` of the file: its description, and whether messages may be lost."""
 
 
 class McapRecord(NamedTuple):
-    """A complete record.
+    """A complete record of an MCAP file.
 
     Attributes:
-        code: kind of the record, by the MCAP format.
-        data: its bytes, without code and length.
-        at: byte of the file at which it begins, or the chunk that holds it.
+        code: kind of the record (opcode of the MCAP format).
+        data: its content, without opcode and length.
+        at: byte of the file at which it begins, or at which the chunk that holds it begins.
     """
 
     code: int
@@ -167,16 +173,16 @@ class McapRecord(NamedTuple):
 
 
 def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
-    """Generate all complete records before the index in file order, those of chunks one by one.
+    """Yield all complete records of a damaged MCAP file before the index, in file order, those of chunks one by one.
 
-    A recording begins with a `McapRecord` of the kind HEADER, after which earlier definitions are void.
+    Each recording begins with a record of the kind HEADER, after which earlier definitions are void.
 
     Args:
         path: an MCAP file, or several one behind another.
-        damaged: is called for every damage, before the records that follow it.
+        damaged: called for every damage, before the records that follow it.
 
     Raises:
-        InputError: no MCAP file, or one that cannot be read.
+        InputError: it is not an MCAP file, or it cannot be read.
     """
     check_input(path, "an MCAP recording")
     size = path.stat().st_size
@@ -232,7 +238,7 @@ def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
 
 
 def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
-    """Schemas, channels and statistics in the index of a recording that begins at byte `begin`; empty if damaged."""
+    """Schemas, channels and statistics in the index of the recording that begins at byte `begin`; empty if damaged."""
     with path.open("rb") as file, suppress(*FAILURES):
         found = index_of(file, begin, path.stat().st_size)
         if found is not None:
@@ -243,9 +249,9 @@ def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
 
 
 def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
-    """Position after the end mark at byte `at`: next recording or chunk; `size` if there is none.
+    """Byte after an end mark at byte `at` at which reading goes on: the next recording or chunk; `size` without one.
 
-    Skipped bytes are reported to `damaged`.
+    Skipped bytes are reported to `damaged`; `size` is that of the file.
     """
     behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
@@ -271,13 +277,13 @@ def _is_recording(file: IO[bytes], at: int) -> bool:
 
 
 def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
-    """Kind of a record by its content, if its code may be damaged; 0 if unknown.
+    """Kind of a record (opcode), corrected by its content if the stated one may be damaged; 0 if unknown.
 
     Args:
-        file: the file, standing behind the head of the record.
-        code: what the head states.
-        length: of the record, which is all in the file.
-        before: code of the record before it.
+        file: the file, at the content of the record.
+        code: opcode as stated.
+        length: size of the content [bytes], all of which is in the file.
+        before: opcode of the record before it.
     """
     data = file.read(min(INDEX_HEAD.size, length)) if length <= MAX_CHUNK_BYTES else b""
     if before in (Opcode.CHUNK, Opcode.MESSAGE_INDEX) and len(data) >= INDEX_HEAD.size:
@@ -290,9 +296,9 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
 
 
 def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
-    """Length of the record at byte `at` by its content, independent of its header; None if undetermined.
+    """Length [bytes] of the record at byte `at` by the sizes in its content, not by its header; None if undetermined.
 
-    `code` is its opcode, `size` that of the file.
+    `code` is its opcode, `size` the length of the file.
     """
     offset = at + HEAD.size
     for part in _PARTS.get(code, ()):
@@ -311,7 +317,7 @@ def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
 
 
 def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
-    """Whether a record or recording begins at byte `at`, by its header; `size` is that of the file."""
+    """Whether a plausible record or a recording begins at byte `at`, by its header; `size` is that of the file."""
     file.seek(at)
     head = file.read(HEAD.size)
     if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
@@ -321,7 +327,7 @@ def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
 
 
 def _is_chunk(data: bytes) -> bool:
-    """Whether data are a chunk with a valid check sum."""
+    """Whether bytes are the content of a chunk with a valid check sum, which must not be missing."""
     try:
         head = chunk_head(data)
         records = _unpacked(data, head) if head.crc and head.compression in KNOWN_COMPRESSION else b""
@@ -333,14 +339,14 @@ def _is_chunk(data: bytes) -> bool:
 def _one(
     file: IO[bytes], at: int, code: int, length: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Generator[McapRecord, None, int]:
-    """Generate the records of one outside chunks, or of a chunk; return the next position.
+    """Yield a record outside of chunks, or all records of a chunk; return the byte at which reading goes on.
 
     Args:
         file: at the content of the record.
         at: its first byte.
         code: its opcode.
-        length: of its content.
-        damaged: called with position and text of damage.
+        length: size of its content [bytes].
+        damaged: called with byte and description of damage.
         growth: counts decompressed bytes.
     """
     end = at + HEAD.size + length
@@ -378,7 +384,7 @@ def _one(
 
 
 def has_right_sum(attachment: bytes) -> bool:
-    """Whether the check sum of an attachment is valid or missing."""
+    """Whether the check sum of an attachment record (its content) is right, or 0, which means missing."""
     (crc,) = struct.unpack("<I", attachment[-4:])
     return not crc or zlib.crc32(attachment[:-4]) == crc
 
@@ -386,9 +392,16 @@ def has_right_sum(attachment: bytes) -> bool:
 def _cut_chunk(
     file: IO[bytes], at: int, size: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Iterator[McapRecord]:
-    """Generate the complete records of the chunk at byte `at`, which is truncated at byte `size`.
+    """Yield the complete records of the chunk at byte `at`, which is cut off at byte `size`.
 
-    The truncation is reported to `damaged`.
+    Its check sum is not verified.
+
+    Args:
+        file: the open file.
+        at: first byte of the chunk record.
+        size: byte at which it is cut off.
+        damaged: the cut is reported to it, after the records.
+        growth: counts decompressed bytes.
     """
     file.seek(at + HEAD.size)
     try:
@@ -402,9 +415,10 @@ def _cut_chunk(
 
 
 def _unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """Decompress the records of a chunk, limited to the size declared in `head`; ValueError if that is too large.
+    """Decompressed records of a chunk up to its damage, limited to the size that `head` declares.
 
-    Of damaged `data` the part before the damage is returned.
+    `data` is the content of the chunk record. ValueError if the declared size is above `MAX_CHUNK_BYTES`, or the
+    compression unknown.
     """
     packed, compression, declared = data[head.begin :], head.compression, head.declared
     if compression not in KNOWN_COMPRESSION:
@@ -429,7 +443,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
 
 
 def _split(records: bytes, at: int) -> Iterator[McapRecord]:
-    """Generate the complete records in the decompressed bytes of the chunk at byte `at`."""
+    """Yield the complete records in `records`, decompressed bytes of the chunk (or index) at byte `at`."""
     begin = 0
     while begin + HEAD.size <= len(records):
         code, length = HEAD.unpack_from(records, begin)
@@ -441,12 +455,12 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Search a damaged file for the next plausible compressed chunk or beginning of a recording.
+    """Search a damaged file for the next plausible compressed chunk, or beginning of a recording.
 
     Args:
         file: open for reading.
         at: byte at which the search begins.
-        size: of the file [bytes].
+        size: length of the file [bytes].
 
     Returns:
         Byte at which it begins, at least `at`; None if there is none.

@@ -36,9 +36,9 @@ class Recovered(NamedTuple):
     """Content of a recovered recording.
 
     Attributes:
-        messages: how many there are, by topic.
-        span: times of the first and the last message [ns]; None: missing.
-        losses: losses of the recording, and earlier losses when it was made.
+        messages: number of messages by topic.
+        span: times of the first and the last message [ns since the Unix epoch]; None: there is none.
+        losses: losses recorded before the damage, and those by it.
     """
 
     messages: dict[str, int]
@@ -58,11 +58,11 @@ def recover_recording(
     Args:
         source: a recording of occlog.
         path: the recording to write.
-        videos: file of the video of a camera, where the link to it is lost.
-        overwrite: replace a file that exists.
+        videos: file of the video of each camera to which the link is lost.
+        overwrite: replace an existing file; else OutputExistsError.
 
     Raises:
-        InputError: `source` is no recording of occlog, nothing in it is whole, or the link to a video is lost.
+        InputError: `source` is no recording of occlog, nothing in it is intact, or the link to a video is lost.
         UsageError: the name of `path` promises another format.
     """
     videos = videos or {}
@@ -75,7 +75,7 @@ def recover_recording(
 
 
 class _Salvage:
-    """State of a salvage: the recording being written, and the losses so far."""
+    """State of a salvage: the recording being written, the part of the source being read, and the losses so far."""
 
     def __init__(self, source: Path, path: Path, file: IO[bytes]) -> None:
         self._source, self._path = source, path
@@ -92,13 +92,16 @@ class _Salvage:
         self._span: tuple[int, int] | None = None
 
     def damaged(self, at: int, what: str, *, messages: bool = True) -> None:
-        """Record damage at a byte of the file, and whether messages may be lost."""
+        """Note damage at byte `at` as a loss; `messages`: messages may be missing there."""
         self._lose(f"byte {at}", what)
         if messages:
             self._part.damage.begin()
 
     def take(self, record: McapRecord) -> None:
-        """Process a record: write a message or attachment, or keep definitions."""
+        """Process a record: write a message or attachment, or keep a definition or metadata.
+
+        A record that cannot be parsed is a loss.
+        """
         part = self._part
         try:
             if record.code == Opcode.HEADER:
@@ -121,7 +124,7 @@ class _Salvage:
             self._lose(f"byte {record.at}", f"a damaged record is skipped ({' '.join(str(error).split())[:80]})")
 
     def _begin(self, at: int) -> None:
-        """Start the recording at a byte of the file, with the definitions in its index."""
+        """Begin the recording at byte `at` of the source: close the previous one, and read the indexed definitions."""
         if at:
             self._next(at)
         with suppress(*FAILURES):
@@ -138,14 +141,17 @@ class _Salvage:
         self._part.define(found)
 
     def _next(self, at: int) -> None:
-        """Continue with another recording, which begins at a byte of the file."""
+        """Close the current recording, and go on with another one, which begins at byte `at` of the source."""
         self._close()
         before = self._part.latest() if self._belongs(self._part) else self._part.before
         self._part = SalvagedRecording(at)
         self._part.before = before
 
     def _close(self) -> None:
-        """Add the losses of the current recording."""
+        """Add the losses of the current recording.
+
+        These are damaged metadata, duplicates, lost messages, and the losses in its provenance.
+        """
         part = self._part
         for name in damaged_metadata(part.metadata):
             part.metadata.pop(name, None)
@@ -166,7 +172,7 @@ class _Salvage:
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
-        """Report a recording that follows another one, and its skipped parts."""
+        """Add a loss for a recording that follows another one in the file, and for its messages that were left out."""
         location = f"from byte {part.at} on"
         if not self._belongs(part):
             what = "messages of another recording, which has another scene or none, are skipped; split the file there"
@@ -181,14 +187,17 @@ class _Salvage:
             self._losses[Loss(self._source.name, location, what, part.left_out)] = None
 
     def _belongs(self, part: SalvagedRecording) -> bool:
-        """Whether messages of a recording are compatible with those of the first one (same scene)."""
+        """Whether messages of a recording are merged with those of the first; it is the first or has its scene."""
         return part is self._first or (part.scene is not None and part.scene == self._first.scene)
 
     def finish(self, videos: Mapping[str, Path]) -> Recovered:
-        """Complete the file, and return what was recovered.
+        """Write metadata with all losses, complete the file, and return what was recovered.
 
-        InputError if it is not an occlog recording, or nothing is intact. `videos` has the file of the video of a
-        camera, where the link to it is lost.
+        Args:
+            videos: file of the video of each camera to which the link is lost.
+
+        Raises:
+            InputError: the source is not an occlog recording, nothing is intact, or the link to a video is lost.
         """
         self._close()
         ours = OURS in self._first.metadata or SCENE_ATTACHMENT in self._attached
@@ -245,7 +254,10 @@ class _Salvage:
         self._span = min(low, log_ns), max(high, log_ns)
 
     def _register(self, part: SalvagedRecording, channel: records.Channel) -> int:
-        """Equivalent channel of the new recording, created if missing."""
+        """Number of the channel in the new recording with the same topic, schema and encoding; created if missing.
+
+        ValueError if the schema of the channel is lost.
+        """
         number = 0
         if channel.schema_id:
             schema = part.schemas.get(channel.schema_id)
@@ -281,7 +293,7 @@ class _Salvage:
         self._attached[a.name] = digest
 
     def _provenance_before(self, part: SalvagedRecording) -> Provenance:
-        """Provenance of the recording with earlier losses; a loss if the provenance is lost."""
+        """Provenance of a recording in the source; unknown, with a loss, if it is damaged or missing."""
         before = UNKNOWN
         with suppress(InputError):
             before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
@@ -291,7 +303,10 @@ class _Salvage:
         return before
 
     def _links(self, videos: Mapping[str, Path]) -> dict[str, dict[str, str]]:
-        """Links to videos, adapted to the new recording's folder."""
+        """Metadata records of links to videos, relative to the new recording's folder; `videos` replace or add links.
+
+        InputError if a camera has frames of a linked video and no link.
+        """
         links = {
             name: moved_metadata(name, values, self._source, self._path, Provenance("recover"))
             for name, values in self._first.metadata.items()
@@ -315,7 +330,7 @@ class _Salvage:
 
 
 def _source_of(topic: str) -> str:
-    """Source of a topic's losses: the camera, or the topic of a table."""
+    """Name of the source in losses of a topic: the camera, or the topic itself if it is of a table."""
     return sensor_of(topic) if topic.startswith("/camera/") else topic
 
 

@@ -81,7 +81,8 @@ def _checks(
 ) -> tuple[Check, ...]:
     """Check that every group has tracks, and that each group agrees with those before it.
 
-    The second check has no findings if all groups are empty.
+    A group without common times or matched people does not agree. The second check has no findings if all groups are
+    empty.
 
     Args:
         paths: file of each group.
@@ -104,9 +105,9 @@ def _apart(
 ) -> Iterator[Check]:
     """Findings about each group of cameras that disagrees with the groups before it.
 
-    It has no time step in common, no matched people, or a mean offset above `MAX_SEPARATION_RATIO` times the
-    registration error. Groups without tracks are skipped. `paths` are the files of the groups, `unit` names the
-    length unit.
+    It has no time step in common, no matched people, or a mean offset above `MAX_SEPARATION_RATIO` times the standard
+    deviation of the groups' registration in `config`. Groups without tracks are skipped. `paths` are the files of the
+    groups, `unit` names the length unit.
     """
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):

@@ -24,13 +24,13 @@ MAX_SEGMENTS = 5
 
 
 class RunComparisonStep(NamedTuple):
-    """Divergence at a time step.
+    """Divergence of two runs, A and B, at one time for one person.
 
     Attributes:
-        t_ns: when.
-        a, b: identities; None: the run has no track there.
-        distance: from each other; of a person without a partner from the nearest one of the other run; NaN: it has
-            no track then.
+        t_ns: time [ns].
+        a, b: track of the person in each run; None: the run has no track of the person then.
+        distance: between both tracks; of a person without a partner, to the nearest track of the other run; NaN: the
+            other run has no track then.
     """
 
     t_ns: int
@@ -40,7 +40,14 @@ class RunComparisonStep(NamedTuple):
 
 
 class DivergenceKind(NamedTuple):
-    """A kind of divergence: first time step, number of frames, and number of occurrences."""
+    """A kind of divergence of two runs, and how often it occurs.
+
+    Attributes:
+        name: name of the kind.
+        first: its first time step; None: it does not occur.
+        frames: number of frames in which it occurs.
+        rows: number of occurrences, of all people.
+    """
 
     name: str
     first: RunComparisonStep | None
@@ -49,7 +56,12 @@ class DivergenceKind(NamedTuple):
 
 
 class DivergenceSegment(NamedTuple):
-    """Consecutive frames with divergence: start, end, and the time step of the largest one."""
+    """Consecutive frames in which two runs diverge.
+
+    Attributes:
+        start_ns, end_ns: times of the first and the last frame [ns].
+        worst: the worst divergence in them.
+    """
 
     start_ns: int
     end_ns: int
@@ -58,16 +70,16 @@ class DivergenceSegment(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Divergences:
-    """Divergences of two runs.
+    """Divergences of two runs, A and B, in T common frames.
 
     Attributes:
-        kinds: pairs beyond the tolerance, a person in A only, and B alone, and other partners.
-        frames: how many frames there are.
-        diverged: in how many of them the runs have parted.
-        segments: the longest, the longest first.
-        farthest: the pair of largest distance; None: no pair.
+        kinds: partners beyond the tolerance, a person in A only, a person in B only, and changes of partners.
+        frames: number of frames T.
+        diverged: number of frames with a divergence of the first three kinds.
+        segments: the longest sequences of such frames, the longest first.
+        farthest: the pair with the largest distance; None: no pair.
         distance: (T,) largest distance of partners in each frame, 0 without any.
-        alone: (T,) how many have no partner.
+        alone: (T,) number of people without a partner in each frame.
     """
 
     kinds: tuple[DivergenceKind, ...]
@@ -80,7 +92,7 @@ class Divergences:
 
     @property
     def first(self) -> tuple[str, RunComparisonStep] | None:
-        """Kind and time step of the first divergence; None without divergence."""
+        """Name of the kind, and time step, of the first divergence; None without divergence."""
         found = [(kind.name, kind.first) for kind in self.kinds if kind.first is not None]
         return min(found, key=lambda each: each[1].t_ns, default=None)
 
@@ -100,12 +112,12 @@ def divergences_of(
     """Find the divergences of two runs.
 
     Args:
-        a: run A in common frames.
-        b: run B.
-        pairs: of them.
+        a: estimates of run A in common frames.
+        b: estimates of run B.
+        pairs: per-frame pairs of both.
         times: (T,) of the frames [ns].
-        tolerance: partners that are farther from each other have parted.
-        partners: tracks of B matched to each one of A, and the other way round.
+        tolerance: partners that are farther apart than this diverge.
+        partners: tracks of B that are matched to each track of A over time, and tracks of A matched to those of B.
     """
     far = np.flatnonzero(pairs.distance > tolerance)
     kinds = (
@@ -125,7 +137,13 @@ def divergences_of(
 
 
 def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) -> DivergenceKind:
-    """Divergence of a kind from the frames of its rows; `step_at` makes the time step of a row."""
+    """Return the divergence of one kind from its occurrences.
+
+    Args:
+        name: name of the kind of divergence.
+        frames: (n,) frame of each occurrence.
+        step_at: makes the time step of the occurrence with an index below n.
+    """
     if not len(frames):
         return DivergenceKind(name, None, 0, 0)
     return DivergenceKind(name, step_at(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
@@ -134,14 +152,14 @@ def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) 
 def _exchanges(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, partners: tuple[MatchedRuns, MatchedRuns]
 ) -> DivergenceKind:
-    """Return the divergence by time steps from which a track has another partner: the first of them, and numbers.
+    """Return the divergence by times from which a track has another partner in the other run.
 
     Args:
-        a: estimates of the first run.
-        b: estimates of the second run.
-        pairs: of estimates in each frame.
-        times: (F,) of the frames [ns].
-        partners: partners of the tracks of each run over time.
+        a: estimates of run A.
+        b: estimates of run B.
+        pairs: estimates of the two runs paired in each frame.
+        times: (T,) of the frames [ns].
+        partners: partners over time of the tracks of A, and of those of B.
     """
     found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
     found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
@@ -166,9 +184,9 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
     Args:
         own: estimates of the person's run.
         other: estimates of the other run.
-        times: (F,) of the frames [ns].
-        row: of the person in `own`.
-        first: whether `own` is the first run.
+        times: (T,) of the frames [ns].
+        row: row of the person's estimate in `own`.
+        first: whether `own` is run A.
     """
     frame, label = int(own.frame[row]), int(own.label[row])
     at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
@@ -178,11 +196,13 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
 
 
 def _longest(diverged: Bools, times: Ints) -> list[tuple[int, int]]:
-    """Return first and last frame of the longest sections with divergence, up to `MAX_SEGMENTS`, longest first.
+    """Return first and last frame of the longest sequences of frames with divergence, longest first.
+
+    At most `MAX_SEGMENTS` are returned.
 
     Args:
-        diverged: (F,) mask of frames with a divergence.
-        times: (F,) of the frames [ns].
+        diverged: (T,) mask of frames with a divergence.
+        times: (T,) of the frames [ns].
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], diverged, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
@@ -193,14 +213,16 @@ def _longest(diverged: Bools, times: Ints) -> list[tuple[int, int]]:
 def _segment(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
 ) -> DivergenceSegment:
-    """Return a section with its worst time step: the first person without a partner, else the largest distance.
+    """Return a sequence of diverged frames with its worst time step.
+
+    That is the first person without a partner, or else the largest distance of partners.
 
     Args:
-        a: estimates of the first run.
-        b: estimates of the second run.
-        pairs: of estimates in each frame.
-        times: (F,) of the frames [ns].
-        frames: first and last frame of the section.
+        a: estimates of run A.
+        b: estimates of run B.
+        pairs: estimates of the two runs paired in each frame.
+        times: (T,) of the frames [ns].
+        frames: first and last frame of the sequence.
     """
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
@@ -220,15 +242,15 @@ Paired = tuple[MatchedFrames, MatchedPairs]
 
 @dataclass(frozen=True, eq=False)
 class ErrorsOverTime:
-    """Errors of both runs in the true frames.
+    """Errors of two runs, A and B, at the T times of the truth.
 
     Attributes:
-        t_ns: (T,) times of the frames.
-        a, b: (T,) root mean square distance from the truth of the targets that both have found; NaN where there are
-            none.
-        missed_a, missed_b: (T,) targets that a run has not found.
-        false_a, false_b: (T,) tracks of a run that are on no target.
-        objects: true targets of all frames together.
+        t_ns: (T,) times [ns].
+        a, b: (T,) root mean square distance from the truth, over the targets that both runs have found; NaN without
+            any.
+        missed_a, missed_b: (T,) number of targets that a run has not found.
+        false_a, false_b: (T,) number of tracks of a run that are on no target.
+        objects: number of true targets, summed over all frames.
     """
 
     t_ns: Ints
@@ -242,7 +264,7 @@ class ErrorsOverTime:
 
     @property
     def on_unmatched(self) -> tuple[bool, bool]:
-        """Whether a run, A or B, has tracks, but none ever on a target."""
+        """Whether each run, A and B, has tracks, but none of them is ever on a target."""
         return self._mostly_unmatched(self.missed_a, self.false_a), self._mostly_unmatched(self.missed_b, self.false_b)
 
     def _mostly_unmatched(self, missed: Ints, false: Ints) -> bool:
@@ -250,17 +272,17 @@ class ErrorsOverTime:
 
     @property
     def both(self) -> int:
-        """Number of frames with targets found in both runs."""
+        """Number of frames with a target that both runs have found."""
         return int(np.isfinite(self.a).sum())
 
 
 def over_time(a: Paired, b: Paired, t_ns: Ints) -> ErrorsOverTime:
-    """Errors over time, from per-frame pairs as in `matched_rmse`.
+    """Return the errors of two runs over time, from per-frame pairs with the same truth, as in `matched_rmse`.
 
     Args:
-        a: truth and tracks of run A, and their pairs of each frame alone.
-        b: those of run B, of the same truth.
-        t_ns: (T,) times of the true frames.
+        a: truth and tracks of run A, and their pairs of each frame.
+        b: truth and tracks of run B, and their pairs.
+        t_ns: (T,) times of the true frames [ns].
     """
     cells, found, missed, false = len(t_ns), [], [], []
     for frames, made in (a, b):

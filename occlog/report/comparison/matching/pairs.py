@@ -22,13 +22,13 @@ from occlog.records.tables import Tracks
 
 @dataclass(frozen=True, eq=False)
 class AlignedEstimates:
-    """Estimates of a run in common frames, sorted by frame and identity.
+    """Estimates of one run in frames that are common to both runs, sorted by frame and identity.
 
     Attributes:
-        frame: (n,) number of the frame.
-        row: (n,) row of the run's table: the estimate itself, or the latest one before an interpolated position.
-        xy: (n, 2) positions.
-        label: (n,) identities.
+        frame: (n,) index of the frame.
+        row: (n,) row of the run's table: the estimate, or the latest one before an interpolated position.
+        xy: (n, 2) positions on the ground.
+        label: (n,) identities of the tracks.
     """
 
     frame: Ints
@@ -37,17 +37,20 @@ class AlignedEstimates:
     label: Ints
 
     def objects(self) -> Objects:
-        """Return the positions, with frames and labels, as objects for matching."""
+        """Return frames, identities and positions in the form used by the matching of MOT metrics."""
         return Objects(self.frame, self.label, self.xy)
 
     def table(self, tracks: Tracks, times: Ints) -> Tracks:
-        """Table of the run's estimates in the frames at these times."""
+        """Return rows of `tracks` (the run's whole table) for the common frames, with interpolated positions.
+
+        `times`: (T,) of the frames [ns].
+        """
         own = tracks.take(self.row)
         return replace(own, t_ns=times[self.frame], x=self.xy[:, 0], y=self.xy[:, 1])
 
 
 def common_times(a: Tracks, b: Tracks) -> Ints:
-    """(T,) times at which either run has estimates, in their common interval.
+    """Return the times (T,) [ns] at which either run has estimates, in the interval that both cover.
 
     Raises:
         InputError: they have no time in common.
@@ -65,10 +68,10 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
 
 
 def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
-    """Estimates of a run at common times.
+    """Return the estimates of a run at the times of common frames (T,) [ns].
 
-    At the run's own times people with a row are present. At times of the other run positions are interpolated over gaps
-    of the usual interval of the person's rows.
+    At times of the run itself its rows are used. At those of the other run positions are interpolated, over gaps up to
+    the usual one of the track's rows.
     """
     index = np.searchsorted(times, tracks.t_ns)
     inside = np.minimum(index, len(times) - 1)
@@ -98,10 +101,10 @@ EACH_FRAME = ClearRule(memory=0)
 
 @dataclass(frozen=True)
 class PersonPair:
-    """Tracks of both runs that are of one person; one of them may have none.
+    """Tracks of runs A and B that are of one person; one of both may be empty.
 
     Attributes:
-        a, b: identities, the one that is there longest first.
+        a, b: identities, the track with the longest time first.
     """
 
     a: tuple[int, ...]
@@ -110,14 +113,14 @@ class PersonPair:
 
 @dataclass(frozen=True, eq=False)
 class RunPairs:
-    """Pairs of the two runs.
+    """Pairs of estimates of runs A and B: in each frame one to one, by distance.
 
     Attributes:
-        frame: (n,) number of the frame of each pair.
+        frame: (n,) index of the frame of each pair.
         a, b: (n,) rows of the runs' `AlignedEstimates` in a pair.
-        distance: (n,) between them.
-        alone_a, alone_b: rows of `AlignedEstimates` that have no partner, ascending.
-        people: all people, those of run A first.
+        distance: (n,) between both.
+        alone_a, alone_b: rows of `AlignedEstimates` without a partner, ascending.
+        people: tracks of all people, those in run A first.
     """
 
     frame: Ints
@@ -130,12 +133,12 @@ class RunPairs:
 
 
 def pairs_of(a: AlignedEstimates, b: AlignedEstimates, near: float) -> RunPairs:
-    """Pair the people of two runs (without truth).
+    """Pair the estimates of two runs in each frame, and their tracks over the whole time, without a truth.
 
     Args:
         a: run A in common frames.
         b: run B.
-        near: a pair is at most so far apart.
+        near: largest distance of a pair.
     """
     frames = of_points(a.objects(), b.objects(), near)
     found = match(frames, EACH_FRAME)
@@ -166,14 +169,17 @@ def _lacking(count: int, rows: Ints) -> Bools:
 def _people(
     a: AlignedEstimates, b: AlignedEstimates, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
 ) -> tuple[PersonPair, ...]:
-    """Return the tracks of each person in both runs: those assigned one to one, and others with their usual partner.
+    """Return the tracks of each person in both runs.
+
+    Tracks are paired one to one over the whole time; each further track belongs to the person of its most frequent
+    partner.
 
     Args:
-        a: estimates of the first run.
-        b: estimates of the second run.
-        one_to_one: track of the second run by track of the first.
-        of_a: partner of each row of `a`.
-        of_b: partner of each row of `b`.
+        a: estimates of run A.
+        b: estimates of run B.
+        one_to_one: track of B by track of A.
+        of_a: (n,) track of A in each per-frame pair.
+        of_b: (n,) track of B in each per-frame pair.
     """
     number: dict[tuple[str, int], int] = {}
     for k, label in enumerate(np.unique(a.label).tolist()):
@@ -201,7 +207,13 @@ def _people(
 
 
 class Piece(NamedTuple):
-    """Interval in which one track is matched to a person: first and last time step [ns]."""
+    """Interval of time in which one track is matched to a person.
+
+    Attributes:
+        who: number of the person.
+        track: identity of the track.
+        start_ns, end_ns: first and last time step [ns].
+    """
 
     who: int
     track: int
@@ -210,7 +222,13 @@ class Piece(NamedTuple):
 
 
 class TrackChange(NamedTuple):
-    """Change of a person's track at a time step."""
+    """Change of the track that is matched to a person.
+
+    Attributes:
+        t_ns: time of the first step with the later track [ns].
+        who: number of the person.
+        before, after: identities of the earlier and the later track.
+    """
 
     t_ns: int
     who: int
@@ -219,12 +237,12 @@ class TrackChange(NamedTuple):
 
 
 class MatchedRuns(NamedTuple):
-    """Sections and changes of all people.
+    """Tracks matched to each person over time: intervals, and changes between them.
 
     Attributes:
-        pieces: in the order of `who` and time.
-        changes: in the order of time.
-        passing: changes of track that last less than is reported, and are skipped of pieces.
+        pieces: intervals in which one track is matched, sorted by person and time.
+        changes: changes of track that are reported, in the order of time.
+        passing: number of changes to tracks that are matched too shortly to be reported.
     """
 
     pieces: tuple[Piece, ...]
@@ -237,13 +255,13 @@ class MatchedRuns(NamedTuple):
 
 
 def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Intervals of a run's tracks matched to each true target.
+    """Intervals in which a run's tracks are matched to each true target, and the changes of track between them.
 
     Args:
         frames: truth and tracks in the true frames.
         made: pairs of each frame alone.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are skipped.
+        lasting_ns: shorter intervals are only counted [ns].
     """
     who = frames.truth_key[frames.truth[made.truth], 1]
     track = frames.track_key[frames.track[made.track], 1]
@@ -253,14 +271,14 @@ def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, las
 def mutual_matches(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns]:
-    """Intervals of B's tracks matched to each track of A, and vice versa.
+    """Return the intervals of B's tracks matched to each track of A, and vice versa.
 
     Args:
         a: run A in common frames.
         b: run B.
-        pairs: of them.
+        pairs: estimates of A and B paired in each frame.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are skipped.
+        lasting_ns: shorter intervals are only counted [ns].
     """
     of_a, of_b = a.label[pairs.a], b.label[pairs.b]
     return (
@@ -280,7 +298,7 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
         track: (n,) the track of each.
         frame: (n,) number of the frame.
         times: (T,) of the frames [ns].
-        lasting_ns: the shortest section.
+        lasting_ns: length of the shortest interval, and of the longest interruption [ns].
     """
     if not len(who):
         return MatchedRuns((), (), 0)

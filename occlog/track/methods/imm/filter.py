@@ -83,14 +83,14 @@ class ImmState(NamedTuple):
 
 
 class Count(NamedTuple):
-    """Number of bearings of an array in a scan, and the number of targets in its range.
+    """Number of bearings of an array in a scan, and of the confirmed tracks in its range before the scan.
 
     `array` is its number, cameras not counted; `free` are the indices of the bearings assigned to no target.
     """
 
     array: int
     bearings: int
-    targets: int  # tracks in its range, before the scan
+    targets: int  # confirmed tracks in its range, before the scan
     free: Ints  # bearings of no target
 
 
@@ -163,9 +163,10 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 
 
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
-    """Return a track, and the effective number of ancestors on which its covariance rests; infinity if they suffice.
+    """Return a track, and the effective number of ancestors of its particles; infinity if these are enough.
 
-    With too few ancestors the count begins again once process noise has restored the diversity.
+    Enough are `MIN_EFFECTIVE_SAMPLE_SIZE`, or fewer ones if process noise has restored the diversity since; then the
+    count of ancestors begins again in the track that is returned.
 
     Args:
         track: the track.
@@ -221,7 +222,8 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
     """Give each new label of `heard` to the unlabelled track that its bearing fits best, and return the tracks.
 
-    A label that no track fits better than a uniform density is not given. `moved` is changed in place.
+    A label is not given if its bearing fits no such track better than a density that is uniform in azimuth. `moved` is
+    changed in place.
     """
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():

@@ -37,7 +37,12 @@ APPEARANCE_LEARNING_RATE = 0.1
 
 @dataclass(frozen=True)
 class AssociationFeatures:
-    """Statistics of association features over all boxes so far, and the mean appearance of each person."""
+    """Statistics of association features over all boxes so far, and tracklet ids and appearances of N people.
+
+    `score` and `similarities` (2, 3) have count, sum and sum of squares of detector scores (row 0: boxes of people, row
+    1: clutter) and of appearance similarities (row 0: to the right person, row 1: to another one). `hint` (N, C) is the
+    last tracklet id in each camera, `appearance` (N, K) a running mean (NaN: none), both for the track keys `key` (N,).
+    """
 
     score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
     similarities: Floats  # (2, 3) sums of similarities: to the same person, to others
@@ -47,7 +52,7 @@ class AssociationFeatures:
 
 
 def empty_features(cameras: int) -> AssociationFeatures:
-    """Association features without targets and without learned statistics."""
+    """Return association features without people and with zero counts, for `cameras` cameras."""
     none = np.zeros(0, dtype=np.int64)
     return AssociationFeatures(
         np.zeros((2, 3)), np.zeros((2, 3)), none, np.zeros((0, cameras), dtype=np.int64), np.zeros((0, 0))
@@ -55,10 +60,13 @@ def empty_features(cameras: int) -> AssociationFeatures:
 
 
 def log_ratio(sums: Floats, value: Floats) -> Floats:
-    """Log likelihood ratios (correct box against other box) of feature values; 0 for NaN and with too little data.
+    """Return log likelihood ratios (correct box against other box) of feature values, with the shape of `value`.
+
+    Each class has a normal distribution. Ratios are limited to +-`MAX_LOG_FEATURE_RATIO`, shrunk towards 0 for small
+    counts, and 0 for NaN.
 
     Args:
-        sums: (2, 3) counts, sums and sums of squares.
+        sums: (2, 3) count, sum and sum of squares of the feature; row 0: correct boxes, row 1: other boxes.
         value: feature values, of any shape.
     """
     flat = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
@@ -66,7 +74,10 @@ def log_ratio(sums: Floats, value: Floats) -> Floats:
 
 
 class FeatureLikelihood(NamedTuple):
-    """Normal distributions of one feature: for correct boxes, and for other boxes."""
+    """Normal distributions of one feature: index 0 for correct boxes, 1 for other boxes (clutter or another person).
+
+    `mean`, `deviation` and `log` (log of the deviation) are (2,); `least` is the smaller number of values of the two.
+    """
 
     mean: Floats  # (2,)
     deviation: Floats  # (2,)
@@ -75,7 +86,10 @@ class FeatureLikelihood(NamedTuple):
 
 
 def feature_likelihood(sums: Floats) -> FeatureLikelihood:
-    """Estimate the two normal distributions from counts, sums and sums of squares (2, 3)."""
+    """Estimate the two normal distributions of a feature; standard deviations are at least `MIN_FEATURE_SIGMA`.
+
+    `sums` (2, 3) are count, sum and sum of squares of its values; row 0: correct boxes, row 1: other boxes.
+    """
     count = np.maximum(sums[:, 0], 1.0)
     mean = sums[:, 1] / count
     deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, MIN_FEATURE_SIGMA**2))
@@ -84,9 +98,10 @@ def feature_likelihood(sums: Floats) -> FeatureLikelihood:
 
 @kernel
 def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
-    """Log likelihood ratio (correct box against other box) of a feature value, shrunk towards 0 for small samples.
+    """Return the log likelihood ratio of one feature value: correct box against other box.
 
-    It is at most `MAX_LOG_FEATURE_RATIO` in size; 0 for NaN.
+    It is shrunk towards 0 by n / (n + `FEATURE_HALF_WEIGHT_BOXES`), n the smaller of the two sample sizes, limited to
+    +-`MAX_LOG_FEATURE_RATIO`, and 0 for NaN.
     """
     same, other = (
         (value - law.mean[SAME_TARGET]) / law.deviation[SAME_TARGET],
@@ -101,7 +116,10 @@ def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
 
 @kernel
 def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
-    """(n,) log likelihood ratios of feature values (n,), as `log_ratio_at` gives them one by one."""
+    """Return (n,) log likelihood ratios of feature values `value` (n,): correct box against other box; 0 for NaN.
+
+    `law` has the two normal distributions; ratios are shrunk for small samples and limited, as by `log_ratio_at`.
+    """
     out = np.empty(value.shape[0])
     for k in range(value.shape[0]):
         out[k] = log_ratio_at(law, value[k])
@@ -113,9 +131,10 @@ SUM_SLACK = 0.01
 
 
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
-    """Convert appearances (.., K) to unit vectors, so that the scalar product of two is their similarity.
+    """Convert appearance vectors (.., K) to unit vectors, so that the scalar product of two is their similarity.
 
-    They are square roots of histograms, or normalised embeddings; NaN: no appearance.
+    If `histograms`, the square roots are normalised (Bhattacharyya coefficient), else the vectors (cosine). NaN (no
+    appearance) stays NaN, and a zero vector becomes NaN.
     """
     out = np.sqrt(appearance) if histograms else appearance
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -123,9 +142,9 @@ def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
 
 
 def are_histograms(*appearance: Floats) -> bool:
-    """Return whether vectors (.., K) are histograms: nonnegative, with sum 1; NaN vectors (no appearance) are ignored.
+    """Return whether all vectors (.., K) are histograms: nonnegative, with sum 1 to `SUM_SLACK`.
 
-    Embeddings of networks have norm 1 instead, and may be nonnegative, too.
+    NaN vectors (no appearance) are ignored. Embeddings of networks have norm 1 instead, and may be nonnegative, too.
     """
     for each in appearance:
         sums = each.sum(axis=-1)
@@ -135,9 +154,10 @@ def are_histograms(*appearance: Floats) -> bool:
 
 
 def similarity(gallery: Floats, boxes: Floats) -> Floats:
-    """(N, M) similarity of appearances (N, K) of people and (M, K) of boxes, at most 1.
+    """Return the similarity (N, M), at most 1, of appearances `gallery` (N, K) of people and `boxes` (M, K).
 
-    NaN if either has no appearance. The Bhattacharyya coefficient of histograms, or the cosine of embeddings.
+    It is the Bhattacharyya coefficient if all are histograms, else the cosine; NaN if either has no appearance (NaN, or
+    K = 0 in the gallery).
     """
     if gallery.shape[1] == 0:
         return np.full((len(gallery), len(boxes)), np.nan)
@@ -148,12 +168,14 @@ def similarity(gallery: Floats, boxes: Floats) -> Floats:
 def log_feature_ratios(
     cues: AssociationFeatures, people: TargetSet, frames: list[FrameDetections], dimension: int
 ) -> tuple[Floats, Floats]:
-    """Log likelihood ratios of all features: (N, M) box of person against other box, and (M,) box against clutter.
+    """Return log-likelihood ratios of M boxes: (N, M) of each person against others, (M,) of people against clutter.
+
+    The first sums tracklet ids and appearance, the second is of the detector's score; 0 where a feature is missing.
 
     Args:
-        cues: features of the people in `AssociationFeatures.key`.
-        people: N people, the same or more.
-        frames: detections of each frame of the time step.
+        cues: statistics, and the features of known people by track key.
+        people: N tracks; those without known features get 0.
+        frames: detections of each frame of the time step; M in all.
         dimension: K of the boxes' appearance; 0: boxes have no appearance.
     """
     M = sum(len(frame.boxes) for frame in frames)
@@ -186,15 +208,18 @@ def update_features(
     free: Floats,
     sure: Bools,
 ) -> AssociationFeatures:
-    """Update the feature statistics and the appearances of people with the associations of one time step.
+    """Return the feature statistics, tracklet ids and mean appearances, updated with the associations of one time step.
+
+    Only associations with probability above `MIN_ASSOCIATION_TO_LEARN`, and clutter above `MIN_CLUTTER_TO_LEARN`,
+    count.
 
     Args:
-        cues: statistics before the time step.
-        people: N people after the update.
-        frames: detections of each frame of the time step.
-        dimension: K of the boxes' appearance.
-        beta: (N, M) probabilities that boxes are of people.
-        free: (M,) that they are of none.
+        cues: statistics before the time step; not changed.
+        people: N tracks after the update, new ones included.
+        frames: detections of each frame of the time step; M in all.
+        dimension: K of the boxes' appearance; 0: none.
+        beta: (N, M) association probability of person and box.
+        free: (M,) probability that a box is of no person.
         sure: (N,) people who surely exist.
     """
     hint, gallery = _features_of(cues, people, dimension)
@@ -225,16 +250,16 @@ def update_features(
 
 
 def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> AssociationFeatures:
-    """Add the scores of detections that turned out to be clutter to the statistics; NaN is ignored."""
+    """Return the features with detector scores (n,) of clutter detections added to the statistics; NaN is ignored."""
     score = cues.score.copy()
     _add(score[OTHER_TARGET], scores)
     return replace(cues, score=score)
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Return the tracklet IDs (N, C) and mean appearances (N, K = `dimension`) of people.
+    """Return last tracklet ids (N, C) and mean appearances (N, K = `dimension`) of N people, matched by track key.
 
-    `NO_ID` and NaN if unknown.
+    People without an entry have `NO_ID` and NaN; all appearances are NaN if the stored ones have another length.
     """
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
@@ -246,13 +271,13 @@ def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -
 
 
 def appearance_of(frame: FrameDetections, dimension: int) -> Floats:
-    """(n, K = `dimension`) appearances of a frame's boxes; NaN if the frame has none of this length."""
+    """Return the appearances (n, K = `dimension`) of a frame's n boxes; all NaN if the frame's have another length."""
     if frame.appearance.shape[1] == dimension:
         return frame.appearance
     return np.full((len(frame.boxes), dimension), np.nan)
 
 
 def _add(sums: Floats, values: Floats) -> None:
-    """Add values that are not NaN to count, sum and sum of squares, in place."""
+    """Add the finite values of an array to `sums` (3,) = count, sum, sum of squares, in place."""
     values = values[np.isfinite(values)]
     sums += (len(values), values.sum(), (values**2).sum())

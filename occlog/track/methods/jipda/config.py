@@ -12,7 +12,11 @@ from occlog.track.smoothing_and_lag import LagConfig
 
 @dataclass(frozen=True)
 class JipdaConfig(LagConfig):
-    """Settings of method `jipda`; lengths in the scene's unit, times in seconds."""
+    """Settings of method `jipda`; lengths in the scene's unit, times in seconds.
+
+    They concern body sizes, motion, box noise, detection and existence probabilities; each field has its help and
+    range.
+    """
 
     OWNER: ClassVar[str] = "jipda"
 
@@ -162,7 +166,10 @@ class JipdaConfig(LagConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that the deletion threshold is below the confirmation threshold."""
+        """Generate the checks that involve two settings: (name, is fulfilled, requirement as text).
+
+        There is one: `deletion_threshold` must be below `confirmation_threshold`.
+        """
         yield (
             "deletion_threshold",
             self.deletion_threshold < self.confirmation_threshold,

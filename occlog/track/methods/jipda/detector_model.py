@@ -64,9 +64,13 @@ INTERVAL_TOLERANCE = 0.2
 
 @dataclass(frozen=True)
 class EdgeErrorStatistics:
-    """Sums of squared box disagreements over all boxes so far, priors included, for the noise model; C cameras.
+    """Sums from which the errors of box edges are estimated online, priors included; C cameras.
 
-    `metre` is the length of a metre in the scene's unit.
+    `bias` and `bias_variance` (C, 4) are each camera's systematic errors of centre and width, centre and height (in
+    heights, widths, heights, heights), `normal` (4, 2, 2) and `right` (4, 2) the normal equations of the noise variance
+    a + b size^2 of these four, `lasting`, `gait_variance` and `changes` the sums of time-correlated noise, gait and
+    frame-to-frame correlation. `before`, `path` and `last` hold recent residuals and positions by track key (and
+    camera). `metre` is the length of a metre in the scene's unit.
     """
 
     metre: float
@@ -87,9 +91,9 @@ class EdgeErrorStatistics:
 
 
 def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
-    """Return the sums of the noise model before any box, for `cameras` cameras.
+    """Return the sums of the box-error model before any box, for `cameras` cameras; the settings give the noise.
 
-    `metre` is one metre in the scene's unit.
+    `metre` is the length of a metre in the scene's unit.
     """
     a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_noise_px**2
     b = np.array([1.0, 4.0, 1.0, 4.0]) * config.relative_edge_noise**2
@@ -112,10 +116,11 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
 
 
 def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
-    """Noise model (4, 2) of box centres and sizes: centre and width across, then centre and height down.
+    """Return the noise model (4, 2) of boxes; rows: centre x, width, centre y, height.
 
-    Columns are the constant variance [px^2] and the coefficient of the squared size, by nonnegative least squares; the
-    second of centres is without the part that is correlated in time.
+    Columns are the constant variance [px^2] and the coefficient of the squared size, by nonnegative least squares. The
+    size is the box's height for both centres and the height, its width for the width. The coefficient of centres is
+    without the part that is correlated in time.
     """
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):
@@ -130,21 +135,24 @@ def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
 
 
 def correlated_noise(edges: EdgeErrorStatistics) -> float:
-    """Variance of the time-correlated errors of box centres, in box heights squared."""
+    """Return the variance of the time-correlated error of box centres, per axis, in box heights squared."""
     return float(np.clip(edges.lasting[0] / edges.lasting[1], 0.0, MAX_CORRELATED_NOISE**2))
 
 
 def gait_variance(edges: EdgeErrorStatistics) -> float:
-    """Gait variance: that of the observed position about a smooth track [scene unit^2, per axis]."""
+    """Return the variance per axis [scene unit^2] of the observed position about a smooth track, caused by gait.
+
+    It is limited to the range `GAIT_SIGMA_RANGE`.
+    """
     return float(
         np.clip(edges.gait_variance[0] / edges.gait_variance[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2)
     )
 
 
 def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
-    """Variance inflation (1 + r) / (1 - r) for noise with correlation r between successive frames that are used.
+    """Return the variance inflation (1 + r) / (1 - r) for noise with correlation r between successive used frames.
 
-    If one of `between` frames of a camera is used, r is the frame-to-frame correlation to this power.
+    If one of `between` frames of a camera is used, r is the estimated frame-to-frame correlation to this power.
     """
     similar = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
     return (1.0 + similar) / (1.0 - similar)
@@ -160,16 +168,16 @@ def update_edge_errors(
     owner: Ints,
     lasts: Floats,
 ) -> EdgeErrorStatistics:
-    """Update the sums of the noise model with the disagreements of one time step.
+    """Return the sums of the box-error model, updated with the residuals of one time step.
 
     Args:
-        edges: sums before the time step.
+        edges: sums before the time step; not changed.
         t_ns: time of the time step.
         boxes: frames of the time step with their M boxes, packed.
-        found: how far the cameras disagree at the time step.
-        key: (N,) keys of the people.
-        owner: (M,) person of each box.
-        lasts: (C,) how many times as long errors that last count.
+        found: residuals of the boxes after a fit of positions and body sizes to this time step alone.
+        key: (N,) track keys.
+        owner: (M,) index of the person of each box.
+        lasts: (C,) factor of the measurement variance for errors correlated over successive frames of a camera.
     """
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     used = np.flatnonzero((found.kept > MIN_KEPT_SHARE).any(axis=1))
@@ -183,6 +191,17 @@ def update_edge_errors(
 def _noise_and_bias(
     edges: EdgeErrorStatistics, used: Ints, camera: Ints, found: BoxDisagreement, lasts: Floats
 ) -> EdgeErrorStatistics:
+    """Return the sums with noise and camera biases updated from the residuals of n boxes.
+
+    Noise: weighted least squares of squared residuals. Biases: one scalar Kalman filter for each camera and quantity.
+
+    Args:
+        edges: sums before the time step.
+        used: (n,) indices of the boxes that count.
+        camera: (M,) camera of each box.
+        found: residuals of all M boxes of the time step.
+        lasts: (C,) factor of the measurement variance of biases, for errors correlated over successive frames.
+    """
     noise = edge_noise_variance(edges)
     noise[MIDDLES, 1] += correlated_noise(edges)
     r, kept, size = found.residual[used], found.kept[used], found.size[used]
@@ -211,17 +230,18 @@ def _noise_and_bias(
 def _changes(
     edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
 ) -> EdgeErrorStatistics:
-    """Update the sums of squared residual changes over two frames and over one frame.
+    """Return the sums of squared residual changes over two frames and over one, updated with one time step.
 
-    Their ratio is (1 - r^2) / (1 - r), with r the frame-to-frame correlation; slower errors cancel.
+    Their ratio is (1 - r^2) / (1 - r), with r the frame-to-frame correlation; slower errors cancel. Only three
+    residuals of a person and camera at about equal intervals count.
 
     Args:
         edges: sums before the time step.
         t_ns: time of the time step.
         used: (n,) indices of the boxes that count.
         camera: (M,) camera of each box.
-        found: disagreement of the boxes.
-        key: (n,) key of the person of each box that counts.
+        found: residuals of all M boxes of the time step.
+        key: (n,) track key of the person of each box that counts.
     """
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
@@ -248,6 +268,19 @@ def _changes(
 def _correlated_noise(
     edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
 ) -> EdgeErrorStatistics:
+    """Return the sums of the time-correlated noise of box centres, updated with one time step.
+
+    They are weighted products of a person's residuals in successive frames of a camera: the expectation at a lag t is
+    s^2 exp(-t / `NOISE_CORRELATION_S`).
+
+    Args:
+        edges: sums before the time step.
+        t_ns: time of the time step.
+        used: (n,) indices of the boxes that count.
+        camera: (M,) camera of each box.
+        found: residuals of all M boxes of the time step.
+        key: (n,) track key of the person of each box that counts.
+    """
     noise, sums = edge_noise_variance(edges), edges.lasting.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
     before = {k: v for k, v in edges.before.items() if t_ns - v[0] < 4.0 * NOISE_CORRELATION_S * NS}
@@ -272,6 +305,17 @@ def _correlated_noise(
 
 
 def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement, key: Ints) -> EdgeErrorStatistics:
+    """Return the sums of the gait variance, updated with the positions of one time step.
+
+    With d_k the second differences of a person's last five fitted positions at about equal intervals, the mean of
+    d_k d_{k-2} over both axes, less the variance of the fit, is an estimate. People without a position now start again.
+
+    Args:
+        edges: sums before the time step.
+        t_ns: time of the time step.
+        found: positions (N, 2) fitted to this time step alone (NaN: too few boxes), and their variances (N,).
+        key: (N,) track keys.
+    """
     sums, path = edges.gait_variance.copy(), {}
     most = MAX_CHANGE_PRODUCT_M2 * edges.metre**2
     for i in np.flatnonzero(np.isfinite(found.position[:, 0])).tolist():
@@ -295,17 +339,15 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
 def reliable_boxes(
     boxes: PackedDetections, owner: Ints, beta: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
-    """Return (M,) booleans: detectors are learned from this box.
-
-    Such boxes are not truncated, and surely of an unoccluded person who surely exists.
+    """Return a mask (M,) of boxes from which detectors are learned: whole, and surely of an unoccluded existing person.
 
     Args:
-        boxes: M boxes of L frames.
-        owner: (M,) likeliest person; negative: clutter.
-        beta: (N, M) probability that a box is of a person.
-        visible: (L, N) visible shares; NaN: outside the image.
+        boxes: M boxes of L frames, packed.
+        owner: (M,) index of the likeliest person; negative: clutter.
+        beta: (N, M) association probability of person and box; above `MIN_ASSOCIATION_TO_LEARN` is required.
+        visible: (L, N) expected visible share; NaN: outside the image.
         sure: (N,) people who surely exist.
-        least: visible share that is plain view.
+        least: minimum visible share.
     """
     box = np.arange(len(boxes.box))
     frame = np.repeat(np.arange(len(boxes.camera)), np.diff(boxes.first))
@@ -383,7 +425,14 @@ MAX_MERGE_PROBABILITY = 0.9
 
 @dataclass(frozen=True)
 class DetectorStatistics:
-    """Counts of detections, misses and clutter so far, priors included; C cameras, K nodes of the visibility curve."""
+    """Counts of detections, misses, clutter, manoeuvres and departures so far, priors included; C cameras.
+
+    Each field is a pair (or one pair per camera) of an event count and its exposure, so that their ratio is a
+    probability or a rate: detections / people in plain view, clutter boxes / frames, detections / expected ones at K
+    visible shares, truncated boxes, merged pairs, outlier edges, persistent clutter, departures / person-seconds,
+    manoeuvres and posture changes / seconds, spells of unmodelled occlusion / person-seconds, misses by all cameras at
+    once. `false` has a third entry: time steps.
+    """
 
     detected: Floats  # (C, 2) people in plain view: detected, all
     clutter: Floats  # (C, 2) clutter boxes, frames
@@ -401,7 +450,7 @@ class DetectorStatistics:
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
-    """Return the counts before any frame, for `cameras` cameras: priors by the settings."""
+    """Return the counts before any frame, for `cameras` cameras: priors by the settings and module constants."""
     return DetectorStatistics(
         detected=np.tile([PRIOR_FRAMES * config.detection_probability, PRIOR_FRAMES], (cameras, 1)),
         clutter=np.tile([PRIOR_FRAMES * config.clutter_rate, PRIOR_FRAMES], (cameras, 1)),
@@ -422,14 +471,14 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
 def detector_model(
     counts: DetectorStatistics, edges: EdgeErrorStatistics, config: JipdaConfig, interval: Floats, between: float = 1.0
 ) -> DetectorModel:
-    """Detector parameters (detection probability, clutter rate, noise) estimated from the sums.
+    """Return the detectors' parameters (detection probability, noise, biases, merging) estimated from the counts.
 
     Args:
-        counts: sums over people.
-        edges: sums over boxes.
-        config: whether people hide one another.
+        counts: counts of detections and misses.
+        edges: sums of box errors.
+        config: settings; without `use_visibility` detection does not depend on the visible share.
         interval: (C,) time since each camera's last frame [s], > 0; may be infinite.
-        between: number of a camera's frames per frame that counts, >= 1.
+        between: number of a camera's frames per frame that is used, >= 1.
     """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
     curve = curve / curve[-1] if config.use_visibility else np.ones_like(curve)
@@ -450,32 +499,37 @@ def detector_model(
 
 
 def common_clutter_rate(counts: DetectorStatistics) -> float:
-    """Expected number of false tracks per time step that have boxes in all cameras."""
+    """Return the expected number per time step of false tracks that have boxes in all cameras.
+
+    A detector that fuses the cameras causes them.
+    """
     return float(counts.false[0] / counts.false[2])
 
 
 def common_clutter_ratio(counts: DetectorStatistics) -> float:
-    """Ratio of false tracks with boxes in all cameras to true arrivals."""
+    """Return the ratio of false tracks with boxes in all cameras to true new people."""
     return float(counts.false[0] / counts.false[1])
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
-    """Track termination rate: people who leave, per person and second [1/s]."""
+    """Return the rate at which people leave the scene, per person [1/s]."""
     return float(counts.left[0] / counts.left[1])
 
 
 def hiding_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) rate [1/s] at which something unknown hides a person in plain view of each camera."""
+    """Return (C,) rates [1/s] at which an unmodelled obstacle comes to hide a person in plain view of each camera."""
     return np.asarray(counts.hidden[:, 0] / counts.hidden[:, 1])
 
 
 def predict_hidden(hidden: Floats, interval: Floats, counts: DetectorStatistics) -> Floats:
-    """Predict the probability that something unknown hides people, by a two-state Markov chain for each camera.
+    """Return (N, C) probabilities that an unmodelled obstacle hides people, predicted to each camera's frame now.
+
+    Each camera has a two-state Markov chain; the mean duration of an occlusion is `HIDDEN_S`.
 
     Args:
-        hidden: (N, C) at each camera's last frame.
-        interval: (C,) time since then [s]; infinite: no frame now.
-        counts: rates at which people are hidden.
+        hidden: (N, C) probabilities at each camera's last frame; not changed.
+        interval: (C,) time since then [s]; infinite: no frame now, and the probability stays.
+        counts: statistics that give the rate at which people in plain view are hidden.
     """
     out = hidden.copy()
     for c, rate in enumerate(hiding_rate(counts).tolist()):
@@ -486,12 +540,14 @@ def predict_hidden(hidden: Floats, interval: Floats, counts: DetectorStatistics)
 
 
 def update_hidden(hidden: Floats, boxes: PackedDetections, result: JipdaResult) -> Floats:
-    """Update the probability that something unknown hides people by their detections and misses.
+    """Return (N, C) probabilities that an unmodelled obstacle hides people, updated by detections and misses.
+
+    By Bayes' rule: a detection excludes it, a miss raises it. Blind frames (no output of the detector) are skipped.
 
     Args:
-        hidden: (N, C) predicted.
-        boxes: of the time step.
-        result: of the update, with these probabilities in the detection probabilities.
+        hidden: (N, C) predicted probabilities; not changed.
+        boxes: frames of the time step, packed.
+        result: JIPDA update of the time step, with these probabilities included in its detection probabilities.
     """
     out = hidden.copy()
     blind = blind_frames(boxes, result.existence, result.detection)
@@ -506,22 +562,27 @@ def update_hidden(hidden: Floats, boxes: PackedDetections, result: JipdaResult) 
 
 
 def manoeuvre_rate(counts: DetectorStatistics) -> float:
-    """Return the manoeuvre rate of a walking person [1/s]."""
+    """Return the rate [1/s] at which a person who walks with constant velocity begins a manoeuvre."""
     return float(counts.turned[0] / counts.turned[1])
 
 
 def posture_change_rate(counts: DetectorStatistics) -> float:
-    """Return the rate of posture changes of a person [1/s]."""
+    """Return the rate [1/s] at which an upright person begins to bend, fall, lie down or get up."""
     return float(counts.bent[0] / counts.bent[1])
 
 
 def clutter_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) expected number of clutter boxes in a frame of each camera."""
+    """Return (C,) expected numbers of clutter boxes (false alarms) in a frame of each camera."""
     return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
 
 
 class Clutter(NamedTuple):
-    """Sources of persistent clutter in a camera's images, such as shadows, posts and pictures; n sources."""
+    """Sources of persistent clutter in a camera's images, such as shadows, posts and pictures; n sources.
+
+    `box` (n, 4) is the mean left, top, right, bottom [px] of a source's boxes, `free` the probability that it is of no
+    person, `hits` the number of later frames with such a box (weighted by that probability), `tries` the number of
+    later frames, both fading with `SOURCE_MEMORY`, and `age` the time since the first box [s].
+    """
 
     box: Floats  # (n, 4) mean of its boxes [px]
     free: Floats  # (n,) probability that it is of no person
@@ -531,23 +592,26 @@ class Clutter(NamedTuple):
 
 
 def no_clutter() -> Clutter:
-    """Create an empty set of clutter sources."""
+    """Return clutter sources of a camera without any source (n = 0)."""
     return Clutter(np.zeros((0, 4)), *np.zeros((4, 0)))
 
 
 def source_rates(sources: Clutter, again: float) -> Floats:
-    """(n,) expected number of boxes of each clutter source in the next frame.
+    """Return (n,) expected numbers of boxes of each clutter source in the camera's next frame.
 
     Args:
-        sources: clutter sources of a camera.
-        again: probability that a clutter box persists in the camera's next frame.
+        sources: n clutter sources of a camera.
+        again: probability that a clutter box persists in the camera's next frame; the prior of each source's rate.
     """
     share = (PRIOR_SOURCE_FRAMES * again + sources.hits) / (PRIOR_SOURCE_FRAMES + sources.tries)
     return np.asarray(sources.free * np.minimum(share, MAX_PERSISTENT_CLUTTER))
 
 
 def established(sources: Clutter) -> Clutter:
-    """Return the established clutter sources, detected in most of many frames; they apply to confirmed tracks, too."""
+    """Return the clutter sources that are old enough and had a box in most of their frames.
+
+    Boxes there are taken as clutter for confirmed tracks, too.
+    """
     sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.age >= ESTABLISHED_S)
     sure &= sources.hits > ESTABLISHED_SHARE * sources.tries
     return Clutter(*(part[sure] for part in sources))
@@ -556,18 +620,22 @@ def established(sources: Clutter) -> Clutter:
 def update_sources(
     sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats, interval: float
 ) -> tuple[Clutter, tuple[float, float]]:
-    """Update the clutter sources of a camera with one frame.
+    """Update the clutter sources of a camera with the m boxes of one frame.
+
+    Boxes near a source move its mean and count as hits, others (probably of no person) become new sources, and sources
+    with a low expected rate are dropped.
 
     Args:
         sources: clutter sources before the frame.
-        box: (m, 4) boxes of the frame [px].
+        box: (m, 4) left, top, right, bottom [px].
         free: (m,) probability that a box is of no person.
         again: probability that a clutter box persists in the camera's next frame.
-        noise: (4, 2) variances as in `DetectorModel.noise`.
+        noise: (4, 2) variances of centre and width, centre and height: constant [px^2], and factor of the squared size.
         interval: time since the camera's last frame [s]; infinite in the first one.
 
     Returns:
-        The sources; and of those that were new, the expected number that persisted, and their expected number.
+        The sources after the frame; and, of the sources first seen in the last frame, the expected number of those with
+        a box in this one and their expected number.
     """
     n, m = len(sources.box), len(box)
     matched, hit = np.full(n, -1), np.zeros(n)
@@ -601,24 +669,24 @@ def update_sources(
 
 
 def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) probability that a clutter box persists in the camera's next frame."""
+    """Return (C,) probabilities that a clutter box persists in the camera's next frame."""
     return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
 
 
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Density of persistent clutter (shadows, posts, pictures) at each box.
+    """Return the density (M,) of persistent clutter (shadows, posts, pictures) at each box of a time step.
+
+    It is an expected number of boxes, relative to the density of a clutter box anywhere in the image; 0 for positions
+    on the ground.
 
     Args:
-        boxes: of the time step, M of L frames.
-        before: sources of each camera.
+        boxes: M boxes of L frames, packed.
+        before: clutter sources of each camera.
         again: (C,) probability that a clutter box persists in the camera's next frame.
-        noise: (4, 2) variances as in `DetectorModel.noise`.
+        noise: (4, 2) variances of centre and width, centre and height: constant [px^2], and factor of the squared size.
         size: (C, 2) width and height of the images [px].
-
-    Returns:
-        (M,) expected number of such boxes, as `exp(PackedDetections.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
     for frame, c in enumerate(boxes.camera.tolist()):
@@ -638,9 +706,10 @@ def persistent_clutter_density(
 
 
 def _variances(box: Floats, noise: Floats) -> Floats:
-    """(n, 4) variances [px^2] of the difference of two boxes of one clutter source, near boxes `box` (n, 4).
+    """Return (n, 4) variances [px^2] of the difference of two boxes of one clutter source, near boxes `box` (n, 4).
 
-    Columns and `noise` (4, 2) are as in `DetectorModel.noise`: centre and width, centre and height.
+    Columns: centre x, width, centre y, height. Row k of `noise` (4, 2) has the constant variance [px^2] of column k,
+    and the factor of the squared size; the result is twice that variance, times `NOISE_INFLATION`.
     """
     width, height = (box[:, 2:] - box[:, :2]).T
     extent = np.column_stack([height, width, height, height])
@@ -648,36 +717,40 @@ def _variances(box: Floats, noise: Floats) -> Floats:
 
 
 def _squared_distances(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(m, n) squared Mahalanobis distances of boxes `now` (m, 4) from the boxes `old` (n, 4) of clutter sources.
+    """Return (m, n) squared Mahalanobis distances of boxes `now` (m, 4) from the boxes `old` (n, 4) of clutter sources.
 
-    `noise` (4, 2) are variances as in `DetectorModel.noise`.
+    Boxes are left, top, right, bottom [px]. `noise` (4, 2): variances of centre x, width, centre y, height as a
+    constant [px^2] and a factor of the squared size.
     """
     off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=2))
 
 
 def squared_distance(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(n,) squared Mahalanobis distances of boxes `now` (n, 4) from previous boxes `old` (n, 4) of their sources.
+    """Return (n,) squared Mahalanobis distances of boxes `now` (n, 4) from the boxes `old` (n, 4) in the same rows.
 
-    `noise` (4, 2) are variances as in `DetectorModel.noise`.
+    Boxes are left, top, right, bottom [px]. `noise` (4, 2): variances of centre x, width, centre y, height as a
+    constant [px^2] and a factor of the squared size.
     """
     off = _centres_and_sizes(now) - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=1))
 
 
 def _centres_and_sizes(box: Floats) -> Floats:
-    """(n, 4) centre and width (horizontal), centre and height (vertical) of boxes (n, 4) given as edges."""
+    """Return (n, 4) centre x, width, centre y, height of boxes (n, 4) left, top, right, bottom [px]."""
     low, high = box[:, :2], box[:, 2:]
     return np.stack([0.5 * (low + high), high - low], axis=2).reshape(-1, 4)
 
 
 def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
-    """(L,) mask of empty frames that are more probably blind (no output of the detector) than misses of all people.
+    """Return a mask (L,) of frames without boxes that are likelier blind (lost or covered) than misses of all people.
+
+    The prior probability of a blind frame is `BLIND_FRAME_PROBABILITY`.
 
     Args:
         boxes: L frames with their boxes, packed.
         existence: (N,) existence probabilities of the people.
-        detection: (L, N) probabilities of detection.
+        detection: (L, N) detection probabilities of the people in each frame.
     """
     missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
     return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND_FRAME_PROBABILITY)))
@@ -696,13 +769,13 @@ def update_statistics(
     interval: Floats,
     alone: bool = False,
 ) -> DetectorStatistics:
-    """Update the counts of detections, merges, outlier edges, manoeuvres and posture changes with one time step.
+    """Return the counts of detections, merges, outlier edges, manoeuvres and posture changes, updated by one time step.
 
-    Clutter is counted after track initiation (`_update_clutter`).
+    Clutter is not counted here, but after track initiation (`_update_clutter`).
 
     Args:
-        counts: statistics before the time step.
-        people: N people after the update.
+        counts: statistics before the time step; not changed.
+        people: N tracks after the update.
         before: (N,) their existence probabilities before it.
         dt: time since the last time step [s].
         config: durations of manoeuvres and of posture changes.
@@ -710,8 +783,8 @@ def update_statistics(
         rates: parameters of the cameras' detectors.
         result: associations and existence from the update.
         interval: (C,) time since each camera's last frame [s]; infinite: no frame now, or none before.
-        alone: positions are all there is: a missed detection lowers the existence of the person, so that who surely
-            exists is judged before it, or no miss would ever be counted.
+        alone: there are position sensors only. Then people who surely exist are those before the update: a miss by the
+            only sensor lowers the existence, so that no miss would be counted otherwise.
     """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
     hidden = counts.hidden.copy()

@@ -33,13 +33,16 @@ MIN_PROBABILITY_HEARD = 0.5
 
 
 def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: MicrophoneArray) -> JipdaState:
-    """Update all tracks with the directions that an array heard between two time steps.
+    """Return the state with all tracks updated by the azimuths that a microphone array heard between two time steps.
+
+    Directions and people are associated by belief propagation (a direction is of at most one person). Position and
+    velocity are updated, existence rises, and a person who is probably heard counts as observed at that time.
 
     Args:
-        state: after the time step before; it stays as it is, and keeps its time: the people are compared with the
-            directions where they walk on to.
-        heard: directions, at or after the time of the state.
-        array: array that the directions are from.
+        state: state after the last time step; not changed. The new one has the same time: the people's positions are
+            extrapolated to the time of the directions for the comparison only.
+        heard: directions at or after the time of the state; world azimuths and standard deviations [rad].
+        array: array that heard them; people beyond its range are not associated.
     """
     people = state.people
     if not len(people.key) or not len(heard.bearing) or state.t_ns is None:

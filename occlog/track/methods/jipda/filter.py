@@ -149,7 +149,13 @@ UNTRACKED_TO_CLUTTER_RATIO = 0.1
 
 @dataclass(frozen=True)
 class JipdaState:
-    """Filter state: all tracks and the detector estimates."""
+    """Immutable state of the multi-camera JIPDA filter between two time steps; C cameras and position sensors.
+
+    It has the packed cameras and settings, the time of the last time step (None: no data yet), all tracks (`people`),
+    and everything that is estimated online: detector statistics, box errors, common position error, association
+    features, birth map, clutter sources per camera, errors of position sensors, clock offsets, camera rotations and
+    body bias.
+    """
 
     views: PackedCameras
     config: JipdaConfig
@@ -174,11 +180,12 @@ class JipdaState:
 
 
 def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], config: JipdaConfig) -> JipdaState:
-    """Create the initial filter state without tracks.
+    """Create the filter state before the first time step: no tracks, all online estimates at their priors.
 
     Args:
-        scene: static scene.
-        cameras: cameras in use, with poses in space, then sources of positions; frames refer to them by their index.
+        scene: static scene; its room, static occluders and length unit are used.
+        cameras: cameras in use, with poses in space, then sources of positions; the index in this list is
+            `FrameDetections.camera`.
         config: settings in the scene's unit.
     """
     # In a scene-specific unit the settings define the metre: people are 1.7 m tall
@@ -217,11 +224,14 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
 
 
 def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
-    """Update all tracks with the frames of one time step; return the new state and the snapshot.
+    """Run one JIPDA time step: predict, associate, update, initiate, confirm and terminate tracks, learn the detectors.
 
     Args:
-        state: after the time step before; it stays as it is.
-        frames: at least one frame; their times may differ by little, and the latest is the time step's.
+        state: state after the time step before; not changed.
+        frames: detections of at least one frame; the frames' times may differ a little, the latest is the time step's.
+
+    Returns:
+        The new state, and a snapshot of the confirmed tracks with associations and events.
     """
     config = state.config
     t_ns = max(frame.t_ns for frame in frames)
@@ -479,7 +489,10 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
 
 
 def common_error_of(state: JipdaState) -> tuple[float, float]:
-    """Variance per axis and correlation time [s] of the common position error in the state."""
+    """Return variance per axis [scene unit^2] and correlation time [s] of the position error common to all sensors.
+
+    With position sensors alone it is the time-correlated error of the best of them, else that learned from the cameras.
+    """
     return lasting_error(state.positions) if state.positions.alone else common_error(state.common)
 
 
@@ -492,19 +505,22 @@ def _false_seeds(
     stay: Ints,
     cues: AssociationFeatures,
 ) -> tuple[dict[int, float], AssociationFeatures]:
-    """Scores of the detections that initiated tentative tracks; update the features with those of terminated ones.
+    """Keep the scores of detections that initiated tentative tracks; count those of terminated ones as clutter.
 
     With a single sensor no other one contradicts a detection at once: whether it was clutter is known when the
-    tentative track ends.
+    tentative track ends. With cameras nothing is kept.
 
     Args:
-        state: state of the filter before the time step.
-        frames: detections of each frame of the time step.
-        used: (K, M) shares of the detections in new tracks.
+        state: state of the filter before the time step, with the kept scores by track key.
+        frames: detections of each frame of the time step; M in all.
+        used: (K, M) probability that a detection is of each new track.
         new: (K,) keys of the new tracks.
         ids: identities of all tracks, NO_ID of tentative ones.
-        stay: keys of the tracks that go on.
-        cues: association features so far.
+        stay: keys of the tracks that are not terminated.
+        cues: association features before.
+
+    Returns:
+        Detection score by key of each tentative track that continues, and the features with the clutter scores added.
     """
     if not state.positions.alone:
         return {}, cues
@@ -519,7 +535,10 @@ def _false_seeds(
 
 
 def _covered(state: JipdaState, frames: Sequence[FrameDetections]) -> PackedCameras:
-    """Packed cameras, with the coverage of position sensors extended to the positions in the frames."""
+    """Return the packed cameras, with the coverage of position sensors extended to the positions in the frames.
+
+    Frames of cameras change nothing; `state` is not changed.
+    """
     views = state.views
     for frame in frames:
         if views.lens[frame.camera, MODEL] == GROUND_PLANE:
@@ -537,13 +556,15 @@ def _learned_positions(
 ) -> PositionErrors:
     """Return the error model of position sensors, updated with positions that surely belong to an existing person.
 
+    Frames of cameras (without `covariance`) are skipped; M detections, N people.
+
     Args:
         state: state of the filter before the time step.
         frames: detections of each frame of the time step.
-        boxes: the same detections, packed; M boxes.
+        boxes: these detections, packed, in the order of `frames`.
         people: N people after the update.
-        owner: (M,) likeliest person; negative: none.
-        beta: (N, M) probability that a box is of a person.
+        owner: (M,) index of the likeliest person of a detection; negative: none.
+        beta: (N, M) probability that a detection is of a person alone.
     """
     errors = state.positions
     for k, frame in enumerate(frames):
@@ -562,7 +583,7 @@ def _learned_positions(
 
 
 def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
-    """(n,) booleans: position `xy` (n, 2) is inside polygon `room` (K, 2), or outside it by less than `margin`."""
+    """Return (n,) mask of positions `xy` (n, 2) inside polygon `room` (K, 2), or closer than `margin` to its border."""
     near = [distance_to_boundary(float(x), float(y), room) < margin for x, y in xy]
     return np.asarray(inside_polygon(xy, room) | np.array(near, dtype=np.bool_))
 
@@ -578,21 +599,21 @@ def associate(
     arrivals: float,
     hidden: Floats,
 ) -> JipdaResult:
-    """JIPDA update of people by the frames of one time step, with a new target as an alternative common to all cameras.
+    """JIPDA update of N people by the M boxes of one time step, allowing for a new person seen by all cameras.
 
-    In each image a box is a person's or clutter. Boxes of several cameras that agree on a position far from a person
-    are associated with that person only if this is more probable than a miss in all cameras and a new arrival.
+    In each image a box is a person's or clutter. Where boxes of several cameras agree on a position far from a track,
+    the update is repeated without these boxes if a miss in all cameras and a new arrival are more probable.
 
     Args:
-        mean: (N, 6) predicted bodies.
-        covariance: (N, 6, 6) covariances of the states.
-        existence: (N,) probabilities.
-        views: cameras.
-        boxes: M boxes of L frames.
+        mean: (N, 6) predicted x, y, vx, vy, height, width of the visible bodies.
+        covariance: (N, 6, 6) covariances of these states.
+        existence: (N,) predicted existence probabilities.
+        views: C cameras and position sensors.
+        boxes: M boxes of the time step's frames, packed.
         rates: parameters of the cameras' detectors.
         log_features: (N, M) log-likelihood ratios of tracklet ids, appearance and persistent clutter.
-        arrivals: expected number of new people in the time step, a unit of area.
-        hidden: (N, C) probability that something unknown hides the person from each camera.
+        arrivals: expected number of new people in the time step, per unit of area.
+        hidden: (N, C) probability that an unmodelled obstacle hides the person from each camera.
     """
     result = update_targets(
         mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2, hidden
@@ -610,7 +631,12 @@ def associate(
 
 
 def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step at `t_ns` for the kernels, with delays, usable edges and clutter densities."""
+    """Pack the frames of the time step at `t_ns` into arrays for the kernels.
+
+    The result has the M boxes of all frames in their order, the delay of each frame after `t_ns` [s] with the clock
+    offset of its camera removed, which edges are not cut by the image border, the log clutter rate, and for position
+    sensors the noise covariances.
+    """
     box = np.concatenate([frame.boxes for frame in frames]).reshape(-1, 4).astype(np.float64)
     camera = np.array([frame.camera for frame in frames], dtype=np.int64)
     count = [len(frame.boxes) for frame in frames]
@@ -636,7 +662,10 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
 
 
 def _covariances(state: JipdaState, frame: FrameDetections) -> Floats:
-    """(n, 3) covariances (xx, xy, yy) of the positions of a frame; NaN for a frame of boxes."""
+    """Return noise covariances (n, 3) xx, xy, yy [scene unit^2] of a frame's n positions, by the error model.
+
+    All are NaN for a frame of a camera, which has boxes.
+    """
     if frame.covariance is None:
         return np.full((len(frame.boxes), 3), np.nan)
     return position_covariances(state.positions, frame.camera, frame.covariance)
@@ -650,15 +679,19 @@ def _update_clutter(
     noise: Floats,
     interval: Floats,
 ) -> tuple[DetectorStatistics, tuple[Clutter, ...]]:
-    """Update clutter counts and clutter sources with the boxes unassigned to existing and new tracks.
+    """Update clutter rates and clutter sources with the boxes that neither existing nor new tracks explain.
 
     Args:
-        counts: statistics before the time step.
+        counts: detector statistics before the time step.
         boxes: frames of the time step with their M boxes, packed.
         free: (M,) probability that a box is of no person.
-        sources: clutter sources of each camera.
-        noise: (4, 2) variances of boxes, as in `DetectorModel.noise`.
+        sources: clutter sources of each of C cameras.
+        noise: (4, 2) variances of box centre and width, centre and height: constant [px^2], and factor of the squared
+            size.
         interval: (C,) time since each camera's last frame [s]; may be infinite.
+
+    Returns:
+        The statistics with clutter counts and persistence counts added, and the clutter sources of each camera.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
     rate, out = persistent_clutter_rate(counts), list(sources)
@@ -675,13 +708,13 @@ def _update_clutter(
 def associations_of(
     beta: Floats, joint: Floats, boxes: PackedDetections, frames: Sequence[FrameDetections]
 ) -> BoxAssociations:
-    """Return the associations of boxes with people that have at least `MIN_ASSOCIATION_PROBABILITY`.
+    """Return the pairs of a person and a box with an association probability above `MIN_ASSOCIATION_PROBABILITY`.
 
     Args:
         beta: (N, M) probability that a box is a person's alone.
-        joint: (N, M) that it is the person's and a neighbour's, merged.
-        boxes: M packed boxes.
-        frames: of the time step, in the order of the boxes.
+        joint: (N, M) probability that a box is the merged detection of the person and a neighbour.
+        boxes: M boxes, packed.
+        frames: frames of the time step, in the order of the packed boxes; they give the table rows.
     """
     person, box = np.nonzero(beta + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))

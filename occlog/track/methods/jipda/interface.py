@@ -25,9 +25,13 @@ NO_ID = -1
 
 
 class FrameDetections(NamedTuple):
-    """Boxes of one frame of one camera; a frame without boxes counts, too: it states that no person was detected.
+    """Boxes that a detector reported in one frame of one camera, at time `t_ns`: n boxes, or none (n = 0).
 
-    n boxes.  Edges may lie outside the image, where a detector completes people who are cut by its border.
+    A frame without boxes counts as evidence that no person was detected. `boxes` (n, 4) are left, top, right, bottom
+    [px]; edges may lie outside the image, where a detector completes people who are cut by its border. Further columns
+    per box: detector confidence 0 to 1 (NaN: none), tracklet id of a single-camera tracker (`NO_ID`: none), appearance
+    vector (n, K) (NaN: none), row in the table of boxes. A sensor of ground positions uses this class, too: `boxes` are
+    (x, y, x, y) in the scene's unit, and `covariance` (n, 3) has the columns xx, xy, yy.
     """
 
     t_ns: int
@@ -41,7 +45,7 @@ class FrameDetections(NamedTuple):
 
 
 class PositionSource(NamedTuple):
-    """A sensor of positions on the ground: a ground-plane detector, lidar, radar, ultra-wideband.
+    """A named sensor of positions on the ground: a ground-plane detector, lidar, radar, ultra-wideband.
 
     The filter treats it as a camera that sees the ground from above: its detections are `FrameDetections` with `boxes`
     (x, y, x, y) in the scene's unit instead of pixels, and `covariance`.
@@ -51,7 +55,11 @@ class PositionSource(NamedTuple):
 
 
 class DirectionsOfArrival(NamedTuple):
-    """Directions of arrival from a microphone array at one time; n directions."""
+    """Azimuths (n,) that a microphone array heard at time `t_ns`, with standard deviations (n,) [rad].
+
+    Azimuths are in the world's ground plane [rad]. `sensor` is the index of the array in the filter's list of arrays,
+    and `row` (n,) the row of each direction in its table.
+    """
 
     t_ns: int
     sensor: int  # index in the list of arrays
@@ -61,7 +69,12 @@ class DirectionsOfArrival(NamedTuple):
 
 
 class BoxAssociations(NamedTuple):
-    """Associations of k boxes with tracks, with their probabilities."""
+    """Associations of boxes with tracks after one time step: k pairs of a track and a box, with probabilities.
+
+    Columns (k,): index of the person in `TrackSnapshot.ids`, camera index, row of the box in its table, the probability
+    that the box is of this person (alone or merged with a neighbour), and the part of it in which the box is a merged
+    detection of this person and a neighbour.
+    """
 
     person: Ints  # (k,) index in `TrackSnapshot.ids`
     camera: Ints  # (k,) index in the list of cameras
@@ -71,7 +84,11 @@ class BoxAssociations(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Event of a track: initiation, termination or possible identity switch."""
+    """One event of a track at a time step: `kind` is `initiated`, `terminated` or `possible_switch`.
+
+    `id` is the track. For the first two kinds `other` is `NO_ID` and `probability` is the track's existence probability
+    then; for a possible identity switch `other` is the second track and `probability` that the two were exchanged.
+    """
 
     kind: str  # `initiated`, `terminated`, or `possible_switch`: it may have been exchanged with `other`
     id: int
@@ -80,7 +97,13 @@ class Event(NamedTuple):
 
 
 class DetectorEstimates(NamedTuple):
-    """Detector and scene parameters estimated online; C cameras."""
+    """Online estimates of errors that all cameras share, of static clutter, clock offsets and rotations; C cameras.
+
+    Fields: standard deviation per axis [scene unit] and correlation time [s] of the common position error; number of
+    static clutter sources per camera; clock offsets (C,) [s] that are corrected (positive: frames show the past, 0:
+    none) and their significance limits; the normal equations of these offsets over the recording; corrected rotations
+    (C, 2) [rad] and their limits. A limit is infinite where nothing was estimated.
+    """
 
     common_sigma: float  # standard deviation of the error of position that all cameras share, per axis
     common_time_s: float  # its correlation time [s]
@@ -94,7 +117,13 @@ class DetectorEstimates(NamedTuple):
 
 
 class TrackSnapshot(NamedTuple):
-    """All tracks after the frames of one time step; m people, C cameras."""
+    """All confirmed tracks after the frames of one time step `t_ns`; m people, C cameras.
+
+    `ids` (m,) ascend and are never reused; `mean` (m, 6) is x, y, vx, vy, height, width in the world frame and the
+    scene's unit, `covariance` (m, 6, 6); `existence` (m,) and `visibility` (m, C) are probabilities (visibility NaN: no
+    frame of this camera, or the person is out of its view). `support` has the associated boxes, `events` the
+    initiations and terminations at this time step, `detectors` the online estimates of detector errors (None: none).
+    """
 
     t_ns: int
     ids: Ints  # (m,) identities of people who are confirmed, rising; never used again after a death
@@ -110,6 +139,6 @@ class TrackSnapshot(NamedTuple):
 
 
 def no_associations() -> BoxAssociations:
-    """Create an empty set of associations."""
+    """Return `BoxAssociations` with no row (k = 0)."""
     none = np.zeros(0, dtype=np.int64)
     return BoxAssociations(none, none, none, np.zeros(0), np.zeros(0))

@@ -42,20 +42,23 @@ def update_static_clutter(
     metre: float,
     cameras: int,
 ) -> TargetSet:
-    """Update the log odds of static clutter of each track, with the camera and the box.
+    """Return the tracks with updated log odds of being static clutter of one camera (a picture, statue or mirror).
 
-    A track that moved to its position, where no clutter source was known, is not static clutter unless two cameras with
-    an unoccluded view report nothing at once.
+    Boxes in other cameras and boxes that move lower the log odds; misses by other cameras with a view raise them. A
+    track that walked to its position, where no clutter source was known, counts as a person unless two cameras with an
+    unoccluded view miss it at this time step.
 
     Args:
-        people: after the update; N people.
-        boxes: of the time step, M of L frames.
+        people: N tracks after the update.
+        boxes: M boxes of the time step's L frames, packed.
         at_source: (M,) boxes at an established source of clutter.
-        result: associations and existence from the update.
-        noise: (4, 2) variances of middles and sizes, as in `DetectorModel.noise`.
+        result: associations, visibilities and detection probabilities from the update.
+        noise: (4, 2) variances of box centre and width, centre and height: constant [px^2], and factor of the squared
+            size.
         interval: (C,) time since each camera's last frame [s]; may be infinite.
-        metre: one metre in the scene's unit.
-        cameras: number of views that are cameras; sources of positions come after them, and only confirm or deny.
+        metre: length of a metre in the scene's unit.
+        cameras: number of views that are cameras; position sensors have the indices after them, and can confirm or deny
+            a track but not be its source of static clutter.
     """
     known, denying = people.static_known.copy(), np.zeros(len(people.key), dtype=np.int64)
     camera, box, log_odds = people.static_camera.copy(), people.static_box.copy(), people.static_log_odds.copy()
@@ -94,5 +97,5 @@ def update_static_clutter(
 
 
 def is_a_person(log_odds: Floats) -> Floats:
-    """(N,) probability that a track is a person rather than static clutter."""
+    """Return (N,) probabilities that tracks are people and not static clutter, from log odds (N,) of static clutter."""
     return np.asarray(1.0 / (1.0 + np.exp(log_odds)))

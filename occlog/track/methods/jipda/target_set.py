@@ -54,7 +54,15 @@ DUPLICATE_EXISTENCE_RATIO = 0.5
 
 @dataclass(frozen=True)
 class TargetSet:
-    """N tracks of people, tentative or confirmed, with states, existence, identities and their past."""
+    """N tracks of people, tentative or confirmed: arrays with one row per track.
+
+    `mean` (N, 6) is x, y, vx, vy, height, width of the walking person, and `body_mean` that of the body as cameras
+    observe it, with the common position error; both with covariances (N, 6, 6). `model` (N, 3) are probabilities of
+    constant velocity, manoeuvre and posture change, `means` (N, 3, 8) and `covariances` their states (the six, and the
+    common error in x and y). Further columns are existence, key and identity (`NO_ID`: tentative), counts of boxes,
+    times and positions of the first and last detection, the static-clutter test, and `hidden` (N, C), the probability
+    of unmodelled occlusion.
+    """
 
     mean: Floats  # (N, 6) as `TrackSnapshot.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
@@ -92,18 +100,19 @@ def tentative_targets(
     strong: Bools | None = None,
     cameras: int = 0,
 ) -> TargetSet:
-    """Create K tentative tracks at a time step.
+    """Create K tentative tracks (identity `NO_ID`, model constant velocity) that were initiated at one time step.
 
     Args:
-        mean: (K, 6) of the observed bodies.
-        covariance: (K, 6, 6) covariances of the states.
-        existence: (K,) probabilities.
-        boxes: (K,) numbers of their boxes.
-        first_key: number of the first initiation; the others follow.
+        mean: (K, 6) x, y, vx, vy, height, width of the observed bodies.
+        covariance: (K, 6, 6) covariances of these states.
+        existence: (K,) existence probabilities.
+        boxes: (K,) expected number of boxes that each was initiated from.
+        first_key: key of the first track; the keys of the others follow.
         t_ns: time of the time step.
-        common: variance of the common error of position, per axis; the walk is at the observed position less the error.
+        common: variance per axis of the position error common to all cameras; the walking position is the observed one
+            less this error.
         strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
-        cameras: number of cameras.
+        cameras: number C of cameras, for `TargetSet.hidden`.
     """
     K = len(mean)
     full = np.zeros((K, FULL_SIZE, FULL_SIZE))
@@ -138,7 +147,7 @@ def tentative_targets(
 
 
 def no_targets(cameras: int = 0) -> TargetSet:
-    """Return a target set without tracks, for a number of cameras."""
+    """Return a `TargetSet` of zero tracks for `cameras` cameras."""
     return tentative_targets(
         np.zeros((0, STATE_SIZE)),
         np.zeros((0, STATE_SIZE, STATE_SIZE)),
@@ -153,12 +162,12 @@ def no_targets(cameras: int = 0) -> TargetSet:
 
 
 def select(people: TargetSet, rows: Ints) -> TargetSet:
-    """Return the tracks selected by a mask (N,) or by indices."""
+    """Return a new set with the tracks at `rows`: indices, in this order, or a mask (N,)."""
     return TargetSet(**{name: value[rows] for name, value in vars(people).items()})
 
 
 def concat(people: TargetSet, more: TargetSet) -> TargetSet:
-    """Return the tracks of both sets, those of `people` first."""
+    """Return a new set with the tracks of `people` followed by those of `more`."""
     return TargetSet(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
@@ -173,18 +182,20 @@ def predict(
     common: tuple[float, float],
     config: JipdaConfig,
 ) -> TargetSet:
-    """Return the tracks predicted `dt` seconds later.
+    """Return the tracks predicted `dt` seconds later, by the mixing and prediction steps of the IMM estimator.
+
+    Existence falls with the rate of leaving; identities and counts stay. The argument is not changed.
 
     Args:
-        people: at the last time step.
+        people: N tracks at the last time step.
         t_ns: time of the prediction.
-        dt: seconds since the last time step, >= 0.
-        leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate
-            `TERMINATION_RATE_OUT_OF_VIEW`.
-        turning: rate at which people who walk on begin to manoeuvre [1/s].
+        dt: time since the last time step [s], >= 0.
+        leaving: (N,) rates at which people leave [1/s]; at least `TERMINATION_RATE_OUT_OF_VIEW` is used for tracks that
+            have been out of all images for `OUT_OF_VIEW_AFTER_S`.
+        turning: rate at which people with constant velocity begin a manoeuvre [1/s].
         bending: rate at which people begin to bend, fall, lie down or get up [1/s].
-        common: variance per axis and correlation time [s] of the common error of position.
-        config: spectral densities of the acceleration, how long manoeuvres last.
+        common: variance per axis [scene unit^2] and correlation time [s] of the common position error.
+        config: process noise, durations of manoeuvres and posture changes, usual body size.
     """
     # Mix the models: [0] after [1] before
     to = _transitions(dt, turning, bending, config)
@@ -236,15 +247,19 @@ def update(
     config: JipdaConfig,
     observed: Floats = BODY,
 ) -> TargetSet:
-    """Update the tracks by a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
+    """Return the tracks updated by a Gaussian likelihood factor exp(-x' I x / 2 + x' v) of each state x.
+
+    All three motion models and their probabilities are updated (information filter); existence is not.
 
     Args:
-        people: tracks as predicted.
-        information: (N, 6, 6) I.
+        people: N tracks as predicted; not changed.
+        information: (N, 6, 6) I, of the states x, y, vx, vy, height, width.
         vector: (N, 6) v.
-        gait_variance: variance of the visible body about the walking position; the factor is of the visible body.
-        config: how large people are: no body is smaller than the share `MIN_SIZE_RATIO` of it.
-        observed: (6, 8) part of the full state that was observed: `BODY`, by cameras, or `WALK`.
+        gait_variance: variance per axis of the visible body about the walking position; the factor is of the visible
+            body.
+        config: usual body height and width; estimates stay above `MIN_SIZE_RATIO` times these.
+        observed: (6, 8) matrix from the full state (with the common position error) to the observed one: `BODY` for
+            cameras, `WALK` for sensors without this error.
     """
     information, vector = without_gait_variance(information, vector, gait_variance)
     information, vector = observed.T @ information @ observed, vector @ observed
@@ -268,10 +283,10 @@ def update(
 
 
 def without_gait_variance(information: Floats, vector: Floats, gait_variance: float | Floats) -> tuple[Floats, Floats]:
-    """Convolve N factors of states with Gaussian position noise of variance `gait_variance`, one or (N,), per axis.
+    """Convolve N Gaussian factors exp(-x' I x / 2 + x' v) with position noise of variance W = `gait_variance` per axis.
 
-    `information` (N, 6, 6) and `vector` (N, 6) are those of the factors; both are returned. A factor convolved with W
-    on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
+    `information` (N, 6, 6) is I and `vector` (N, 6) is v; the new I and v are returned. W is one number or (N,), in
+    scene unit^2. With B the columns of the position, I becomes I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
     across = information[:, :, :2]
     W = np.reshape(np.asarray(gait_variance), (-1, 1, 1))
@@ -281,18 +296,20 @@ def without_gait_variance(information: Floats, vector: Floats, gait_variance: fl
 
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
-    """(N, 6, 6) covariances of the observed body states, with `gait_variance` added to the variances of x and y."""
+    """Return the observed bodies' covariances (N, 6, 6) with `gait_variance` [scene unit^2] added for x and y."""
     out = people.body_covariance.copy()
     out[:, [X, Y], [X, Y]] += gait_variance
     return out
 
 
 def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
-    """Apply the exclusion prior: no two people at one position (`kernels.exclusion`).
+    """Return the tracks multiplied by the exclusion prior 1 - exp(-d^2 / (2 s^2)) for each pair at distance d.
+
+    Positions of close tracks move apart, their covariances and model probabilities change. The argument is not changed.
 
     Args:
         people: tracks as predicted.
-        s: standard deviation of the distance at which two people do not stand, > 0.
+        s: exclusion radius in the scene's unit, > 0.
     """
     if len(people.key) < 2:
         return people
@@ -304,10 +321,11 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
 
 
 def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
-    """(3, 3) transition probabilities of the motion models over `dt` [s]; row: model after, column: model before.
+    """Return (3, 3) transition probabilities of the motion models over `dt` [s]; row: after, column: before.
 
-    Two nested Markov chains in continuous time: a person is bending or not; while not, manoeuvring or not. After
-    bending a person has constant velocity. `turning` and `bending` are the rates at which either begins [1/s].
+    The models are constant velocity, manoeuvre, posture change. Two nested Markov chains in continuous time: a person
+    changes posture or not; while not, manoeuvres or not. After a posture change the velocity is constant. `turning` and
+    `bending` are the rates [1/s] at which manoeuvres and posture changes begin; `config` gives their mean durations.
     """
     turn, bend = (
         two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
@@ -324,9 +342,10 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
 
 
 def two_states(dt: float, begin: float, end: float) -> Floats:
-    """(2, 2) transition probabilities of a two-state Markov chain over `dt` [s], from the rates of its changes [1/s].
+    """Return (2, 2) transition probabilities over `dt` [s] of a two-state Markov chain in continuous time.
 
-    `begin` is the rate from the first state to the second, `end` that back. Row: state after; column: state before.
+    `begin` is the rate [1/s] from the first state to the second, `end` that back; their sum must be > 0. Entry [a, b]
+    is the probability of state a after, given state b before.
     """
     total = begin + end
     gone = (1.0 - np.exp(-total * dt)) / total
@@ -334,7 +353,10 @@ def two_states(dt: float, begin: float, end: float) -> Floats:
 
 
 def _mixture_moments(people: TargetSet) -> TargetSet:
-    """Return the tracks with the mean and covariance of each mixture of motion models (moment matching)."""
+    """Return the tracks with mean and covariance of the mixture of their three motion models (moment matching).
+
+    `mean`, `covariance`, `body_mean` and `body_covariance` are replaced; the models stay.
+    """
     mean = np.einsum("na,nai->ni", people.model, people.means)
     difference = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
@@ -350,13 +372,15 @@ def _mixture_moments(people: TargetSet) -> TargetSet:
 
 
 def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
-    """Find duplicate tracks at `t_ns`: a younger track at the position of an older one.
+    """Find pairs of tracks at `t_ns` that follow one person: closer than half a body width.
 
-    Estimates of two people who pass each other may meet for a time step; two tracks of one person stay together.
+    If one of the two is tentative, the younger is a duplicate at once (the older instead, if it is tentative and has
+    less existence). Of two confirmed tracks the younger one is, after `DUPLICATE_TIME_S` together; the older one
+    instead if its existence is below `DUPLICATE_EXISTENCE_RATIO` times that of the younger one.
 
     Returns:
-        The people with the times at which they were separate, and (N,) mask of duplicates: a tentative track
-        at once, the younger of two confirmed people when they have been together for `DUPLICATE_TIME_S`.
+        The tracks with updated `separated_ns` (time when they were last apart from others), and a mask (N,) of
+        duplicates.
     """
     out = np.zeros(len(people.key), dtype=np.bool_)
     difference = people.mean[:, None, :2] - people.mean[None, :, :2]
@@ -387,7 +411,12 @@ MIN_BIRTH_RATIO = 0.02
 
 @dataclass(frozen=True)
 class BirthIntensityMap:
-    """Counts of arrivals and departures in G visited cells of the ground plane."""
+    """Counts of arrivals and departures of people in G visited square cells of the ground plane.
+
+    Per cell: centre (G, 2), departures, person-seconds spent there, arrivals, and the sums of the velocities (G, 2) of
+    arriving people and of their outer products (G, 2, 2). `row` maps integer cell coordinates to rows, `watched` is the
+    observed time [s], and `metre` the length of a metre in the scene's unit.
+    """
 
     metre: float  # in the scene's unit
     row: dict[tuple[int, int], int]  # of a cell
@@ -401,7 +430,10 @@ class BirthIntensityMap:
 
 
 def empty_map(metre: float) -> BirthIntensityMap:
-    """Birth intensity map before the first observation; `metre`: length units per metre."""
+    """Return the birth intensity map before the first observation: no cells, no counts.
+
+    `metre` is the length of a metre in the scene's unit.
+    """
     none = np.zeros(0)
     return BirthIntensityMap(metre, {}, np.zeros((0, 2)), none, none, none, np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0)
 
@@ -416,16 +448,16 @@ def update_map(
     came: Floats,
     velocity: Floats,
 ) -> BirthIntensityMap:
-    """Update the birth intensity map with dt more seconds.
+    """Return the birth intensity map with the counts of `dt` more seconds added; new cells are appended.
 
     Args:
-        known: map before.
+        known: map before; not changed.
         dt: time since the last update [s].
-        people: (n, 2) positions of people who surely exist.
+        people: (n, 2) positions of confirmed people.
         existence: (n,) existence probabilities of these people.
-        left: (k, 2) positions where people were last detected who left.
-        came: (m, 2) positions where people were first detected who surely exist by now.
-        velocity: (m, 2) velocities of the people who came.
+        left: (k, 2) last detected positions of the confirmed people who left.
+        came: (m, 2) first detected positions of people who have been tracked long enough to have a velocity.
+        velocity: (m, 2) velocities of the people in `came` [scene unit/s].
     """
     positions = np.concatenate([people, left, came])
     rows, cells = dict(known.row), []
@@ -452,18 +484,23 @@ def update_map(
 
 
 def track_termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
-    """(n,) track termination rates [1/s] at `positions` (n, 2); `overall` is the rate of the whole area [1/s]."""
+    """Return (n,) rates [1/s] at which people leave at `positions` (n, 2), from smoothed counts of departures.
+
+    `overall` is the rate of the whole area [1/s]; it is the prior, with the weight of `PRIOR_TERMINATIONS` departures.
+    """
     near = _near(known, positions)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
 
 def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> tuple[float, Floats]:
-    """Birth rate per unit of area and second: a uniform rate, and the additional rate (G,) at the centre of each cell.
+    """Return the birth intensity [1/(area s)]: a uniform rate, and an additional rate (G,) for each map cell.
+
+    The additional rate falls off as a Gaussian of standard deviation `SMOOTHING_SIGMA_M` about the cell's centre.
 
     Args:
-        known: the map.
-        first: rate before anything is known [1/area/s].
-        worth_s: weight of the prior, in seconds of observation.
+        known: map of arrivals.
+        first: uniform rate before any observation [1/(area s)], in the scene's unit.
+        worth_s: weight of that prior, in seconds of observation.
     """
     seconds = known.watched + worth_s
     smooth = 2.0 * np.pi * (SMOOTHING_SIGMA_M * known.metre) ** 2
@@ -471,9 +508,10 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
 
 
 def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float) -> tuple[Floats, Floats]:
-    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at `positions` (n, 2).
+    """Return mean (n, 2) and covariance (n, 2, 2) of the velocity of people who arrive at `positions` (n, 2).
 
-    `deviation` is the prior standard deviation of a velocity per axis; the prior mean is 0.
+    They are smoothed over the arrivals counted nearby. `deviation` is the prior standard deviation per axis
+    [scene unit/s]; the prior mean is 0.
     """
     near = _near(known, positions)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
@@ -483,15 +521,15 @@ def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float
 
 
 def _near(known: BirthIntensityMap, positions: Floats) -> Floats:
-    """(n, G) Gaussian smoothing weights, 1 at a cell's centre, of the map's cells at `positions` (n, 2)."""
+    """Return Gaussian smoothing weights (n, G) of the map's cells at `positions` (n, 2), 1 at a cell's centre."""
     difference = positions[:, None] - known.centre[None]
     return np.asarray(np.exp(-0.5 * np.sum(difference**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:
-    """Return the sums of cells with `new` cells appended, and `values` added to the cells `rows`.
+    """Return per-cell sums (G, ...) with `new` zero cells appended, and `values` added to the cells at indices `rows`.
 
-    Rows may be repeated.
+    Rows may be repeated; `sums` is not changed.
     """
     out = np.concatenate([sums, np.zeros((new, *sums.shape[1:]))])
     np.add.at(out, rows, values)

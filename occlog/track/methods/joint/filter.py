@@ -117,7 +117,7 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # no
 
 
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
-    """Return detection and false-alarm probabilities of all sensors, the scene's own before those of the settings.
+    """Return detection and false-alarm probabilities of all sensors: those of the scene, or else of the settings.
 
     They lie between 1e-6 and 1 - 1e-6 (`MAX_PROBABILITY`), so that no detection contradicts every particle.
     """
@@ -291,7 +291,7 @@ def _proposed(
 
 
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
-    """Return (L, M) booleans: another object of the particle hides the object from a camera, [Ercan] Fig. 3.
+    """Return (L, M) booleans: another object of the same particle hides the object from a camera, [Ercan] Fig. 3.
 
     Args:
         xy: (L, M, 2) positions of M objects in L particles.
@@ -312,14 +312,15 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 def in_plain_view(
     xy: Floats, reports: list[ObjectReports], world: MeasurementWorld, config: JointConfig
 ) -> list[Bools]:
-    """Return, for each of M objects, (K, L) booleans: a sensor of its K reports can see it, by particle.
+    """Return, for each of M objects, (K, L) booleans: the sensor of each of its K reports can see it in each particle.
 
-    Objects hide each other from cameras, never from microphone arrays.
+    The position must be in the sensor's field of view and range, and not behind one of its walls; from a camera, other
+    objects may hide it, too.
 
     Args:
         xy: (L, M, 2) positions of the objects in L particles.
         reports: measurements of each object in the scan.
-        world: sensors and floor.
+        world: has the sensors with their walls.
         config: has the diameter of the objects.
     """
     cameras = {int(i) for report in reports for i in report.packed.sensor if world.sensors.cos2[i] >= 0.0}
@@ -364,7 +365,7 @@ def log_factors(
     Args:
         xy: (L, M, 2) positions of the objects in L particles.
         reports: measurements of each object.
-        seen: for each object, (K, L) booleans from `in_plain_view`.
+        seen: for each object, (K, L) whether the sensors of its K reports can see it in each particle.
         unperceivable: (L, M) probabilities before the measurements.
         world: sensors.
         chances: detection and false-alarm probabilities of the sensors.
@@ -399,7 +400,10 @@ def log_factors(
 
 
 def _depleted(log_weights: Floats) -> bool:
-    """Return whether the effective sample size by the log weights (L,) of one object alone is too small."""
+    """Return whether the log weights (L,) of one object alone give an effective sample size that is too small.
+
+    The limit is `MIN_EFFECTIVE_SAMPLE_SIZE`.
+    """
     weights, _ = normalise_log_weights(log_weights)
     return effective_sample_size(weights) < MIN_EFFECTIVE_SAMPLE_SIZE
 
@@ -449,7 +453,7 @@ def _estimate(
 
 
 def _trace(state: tuple[JointState, int]) -> PosteriorRecord:
-    """Return the record of one object for smoothing; `state` has the filter's state and the object's identity."""
+    """Return the record of one object's last step, for smoothing: `state` is (state of the filter, identity)."""
     own, target = state
     return own.links[own.objects.index(target)]
 

@@ -23,11 +23,15 @@ BORDER = 2.0
 def obstacles(
     record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, T: int
 ) -> tuple[Obstacle, ...]:
-    """Return the obstacles of a record of `T` states, in coordinates relative to the origin of `at`.
+    """Return the obstacles of a record: walls, and views in which a camera did not detect the target.
 
-    Walls count if configured. A camera's field of view is an obstacle at the states at which it had a frame without
-    detecting the target, if its detection probability P_D is known; a target inside costs -log(1 - P_D). `extent` is
-    the size of the scene, to which views are cut.
+    Args:
+        record: measurements of the target.
+        at: the sensors and walls; obstacles are in their coordinates.
+        config: settings; a camera's view counts if its own or this detection probability P_D is known, and a state
+            inside costs -log(1 - P_D).
+        extent: size of the scene; views are cut at twice this distance.
+        T: number of states.
     """
     always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
     walls = [Obstacle(counter_clockwise(w), tuple(convex_pieces(w)), None, nowhere, always, math.inf) for w in at.walls]
@@ -35,7 +39,7 @@ def obstacles(
 
 
 def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
-    """Return, for each camera with known detection probability that missed the target, its index and (T,) when it did.
+    """Return each camera with known detection probability that missed the target: its index, and (T,) the states.
 
     States with priors of moving occluders do not count.
     """
@@ -52,6 +56,10 @@ def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int)
 
 
 def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
+    """Return the detection probability of the sensor with index `s`; NaN: unknown.
+
+    It is the sensor's own, else that of the settings.
+    """
     own = float(at.detection[s])
     if math.isnan(own) and config.detection_probability is not None:
         return config.detection_probability
@@ -59,9 +67,14 @@ def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
 
 
 def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: float) -> Obstacle:
-    """Return the field of view of camera `s`, up to its range, as an obstacle at the states `when` (T,).
+    """Return the field of view of a camera, up to its range, as an obstacle; its border is narrowed by uncertainty.
 
-    Its border is narrowed by the uncertainty of its bearings; `extent` is the size of the scene.
+    Args:
+        s: index of the camera.
+        when: (T,) states at which the camera missed the target.
+        at: the sensors.
+        config: settings, with the detection probability.
+        extent: size of the scene.
     """
     missed = 1.0 - _detection(s, at, config)
     price = -math.log(missed) if missed > 0.0 else math.inf
@@ -73,18 +86,21 @@ def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: fl
 
 
 def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
-    """Return a wall (K, 2) widened so that it hides an additional `angle` [rad] on both sides from `eye` (2,)."""
+    """Return a wall (K, 2) offset outwards so that it hides at least `angle` [rad] more on both sides.
+
+    The angle is as seen from `eye` (2,).
+    """
     return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
 
 
 def view_polygon(position: Floats, yaw: float, fov: float, reach: float) -> Floats:
-    """(K, 2) counter-clockwise polygon inside a field of view: the camera and an arc.
+    """Return the counter-clockwise polygon (K, 2) of a field of view: the camera, and an arc of sides of at most `ARC`.
 
     Args:
         position: (2,) of the camera.
-        yaw: azimuth of its axis [rad].
-        fov: full field of view [rad]; at most 2 pi.
-        reach: farthest distance.
+        yaw: azimuth of its optical axis [rad].
+        fov: full field of view [rad]; at most 2 pi is used.
+        reach: radius of the arc.
     """
     half = 0.5 * min(fov, 2.0 * math.pi - 1e-3)
     n = max(1, math.ceil(2.0 * half / ARC))

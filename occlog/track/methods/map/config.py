@@ -19,7 +19,11 @@ AT_LEAST_0: dict[str, Any] = {"at_least": 0.0, "at_most": MOST}
 
 @dataclass(frozen=True)
 class MapConfig(Settings):
-    """Settings of method `map`; lengths in the scene's unit, times in seconds."""
+    """Settings of method `map`; lengths in the scene's unit, times in seconds.
+
+    They concern the motion model, the loss, constraints, the estimate, the search and the lag; each field has its help
+    and range.
+    """
 
     OWNER: ClassVar[str] = "map"
 
@@ -177,11 +181,15 @@ class MapConfig(Settings):
 
     @property
     def consensus(self) -> bool:
-        """Return whether the search starts from the path with which most bearings agree."""
+        """Whether the search starts from the path with which most bearings agree (RANSAC)."""
         return self.initialisation == "consensus" or (self.initialisation is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rules: a fitted model has both matrices, a start both parts; constraints fit the estimate."""
+        """Generate checks between settings as (setting, is fulfilled, requirement as text).
+
+        A fitted model needs both matrices A and Sigma, a start both parts; without `in_front_constraint` the estimate
+        must be the mode.
+        """
         yield "Sigma", (self.A is None) == (self.Sigma is None), "given along with A"
         s = self.start
         good = s is None or (len(s) == 3 and s[2] >= LEAST and max(map(abs, s)) <= FAR)

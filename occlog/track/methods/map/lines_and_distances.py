@@ -58,13 +58,16 @@ IN_A_ROW = 12
 def mixed_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search for the most probable trajectory with distance measurements.
+    """Search for the most probable trajectory with distance measurements, with or without bearings.
 
     Args:
-        pending: unreleased part of the target's record, with its prior.
-        record: measurements of the target.
+        pending: unreleased part of the target's record: settings, sensors, and the prior of its first state.
+        record: measurements of the target at T times.
         around: obstacles that the trajectory must not run through.
-        watch: called with each iterate; None: not.
+        watch: called with each iterate of the search; None: not.
+
+    Returns:
+        The best mode, with its rivals and the biases of stations.
 
     Raises:
         UsageError: the solver does not take distances, or they are combined with priors of occluders, or biases of
@@ -107,9 +110,9 @@ def mixed_search(
 
 
 def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> RobustSearchResult:
-    """Return the mode of least cost with its rivals: nearly as cheap and significantly different.
+    """Return the mode of least cost with its rivals: modes nearly as probable and significantly elsewhere.
 
-    `costs` are those of `modes`.
+    `costs` are the negative log posteriors of `modes`; a rival is at most `RIVAL_LOG_ODDS` above the least.
     """
     order = np.argsort(costs, kind="stable").tolist()
     best, X = modes[order[0]], modes[order[0]].mode.solution.X
@@ -128,9 +131,9 @@ def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> Robu
 
 
 def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
-    """Return (T,) booleans: positions of states `other` (T, 4) differ significantly from those of X (T, 4).
+    """Return a mask (T,): positions of the states `other` differ from those of `X` by more than `RIVAL_SIGMAS`.
 
-    `spread` (T, 4, 4) are the covariances of X.
+    Both are (T, 4) states x, vx, y, vy; `spread` (T, 4, 4) are the covariances of X.
     """
     away = (other - X)[:, ::2]
     away2 = np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away)
@@ -138,10 +141,11 @@ def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
 
 
 def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Floats:
-    """(T, 4, 4) second moments about states X (T, 4) of a mixture of a mode and its rivals, by their posterior odds.
+    """Return second moments (T, 4, 4) about the states X (T, 4) of a mixture of the mode and its rivals.
 
-    Modes have the same volume here: where the motion is smoother than stated, as it usually is, volumes prefer those
-    that the measurements leave more room, and are wrong.
+    `spread` (T, 4, 4) are the mode's covariances, returned without rivals. Modes are weighted by exp(-cost) alone, not
+    by their volume: where the motion is smoother than stated, as it usually is, volumes prefer those that the
+    measurements leave more room, and are wrong.
     """
     if not rivals:
         return spread
@@ -153,7 +157,10 @@ def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Float
 
 
 def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:
-    """Return the cost of a solution with exact terms of distances, and with lines of sight omitted from its problem."""
+    """Return the cost of a search result with exact distance terms, and with that of rejected bearings included.
+
+    `rows` are the distance measurements of the record, in the coordinates of the search.
+    """
     return _cost(rows, record.measured_state, found) + found.score - found.mode.solution.cost
 
 
@@ -165,12 +172,12 @@ def _settled(
     around: tuple[Obstacle, ...],
     watch: Watch,
 ) -> RobustSearchResult:
-    """Iterate the search from a path until it converges, station biases included, at most `ROUNDS` times.
+    """Iterate the search from a path until positions and station biases converge, at most `ROUNDS` times.
 
     Args:
-        rows: measurements of distances.
-        path: where the search begins, and the lines of sight that agree there.
-        pending: the target.
+        rows: distance measurements in the coordinates of the search.
+        path: where the search begins, and the bearings that agree with it.
+        pending: unreleased part of the target's record.
         record: measurements of the target.
         around: obstacles.
         watch: called with each iterate; None: not.
@@ -197,16 +204,16 @@ def _once(
     watch: Watch,
     wide: float = 0.0,
 ) -> RobustSearchResult:
-    """Search once, with measurements of distances linearised about a path.
+    """Search once, with distance measurements linearised about a path.
 
     Args:
-        rows: measurements of distances.
-        path: where the search begins, and the lines of sight that agree there.
-        pending: the target.
+        rows: distance measurements in the coordinates of the search.
+        path: where the search begins, and the bearings that agree with it.
+        pending: unreleased part of the target's record.
         record: measurements of the target.
         around: obstacles.
         watch: called with each iterate; None: not.
-        wide: standard deviation of a position error by which measurements are widened.
+        wide: standard deviation of an additional position error by which measurements are widened [scene unit].
     """
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
@@ -215,20 +222,24 @@ def _once(
 
 
 def _path(found: RobustSearchResult) -> ConsensusPath:
+    """Return a search result as a start: its states, and the bearings more probably true than false."""
     return ConsensusPath(found.mode.solution.X, found.used if found.inlier is None else found.inlier, 0.0)
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
-    """Return whether most of some `IN_A_ROW` successive measurements are rejected at their states X (m, 4)."""
+    """Return whether the path is lost: most of some `IN_A_ROW` successive distance measurements are rejected.
+
+    `X` (m, 4) is the state x, vx, y, vy at the time of each of the m measurements `rows`.
+    """
     doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
     several = min(IN_A_ROW, len(doubted))
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
 def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
-    """Return the cost of a solution with linearised terms of distances replaced by exact ones.
+    """Return the cost of a search result with its linearised distance terms replaced by exact ones.
 
-    `state` (m,) is the state of each of the measurements `rows`.
+    `rows` are m distance measurements, `state` (m,) the index of each one's time.
     """
     assert found.hints is not None
     assert found.hints.hints is not None
@@ -241,19 +252,19 @@ def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> fl
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
-    """Return the measurements in coordinates relative to an origin (2,)."""
+    """Return distance measurements with the station positions relative to `origin` (2,)."""
     return rows._replace(position=rows.position - origin, other=rows.other - origin)
 
 
 def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> QuadraticPriors:
-    """Return the Gauss-Newton quadratic terms of distance measurements about a trajectory.
+    """Return quadratic terms (Gauss-Newton) that replace distance measurements near a trajectory.
 
     Args:
         rows: m measurements in the coordinates of X.
-        state: (m,) states that they are of, rising.
-        X: (T, 4) states.
-        square: all measurements count as true (square loss).
-        wide: standard deviation of a position error by which measurements are widened.
+        state: (m,) index of each one's time, rising.
+        X: (T, 4) states x, vx, y, vy about which they are linearised.
+        square: use the square loss, in which all measurements count as true; else they are reweighted.
+        wide: standard deviation of an additional position error by which measurements are widened.
     """
     r, g = residuals_at_own_position(rows, X[state][:, ::2])
     variance = 1.0 + wide**2 * (g**2).sum(axis=1)
@@ -271,14 +282,14 @@ def with_distances(
     found: PathsAroundObstacles,
     biases: StationBiases | None,
 ) -> SmoothedTrajectory:
-    """Return the smoothed states with diagnostics of their distance measurements added.
+    """Return the smoothed trajectory with residuals, likelihoods and counts of its distance measurements added.
 
     Args:
-        out: the states that are given out.
-        pending: the target.
+        out: the states that are released, with diagnostics of bearings.
+        pending: unreleased part of the target's record.
         record: measurements of the target.
-        found: the estimate.
-        biases: of the ranges of stations; None: none are estimated.
+        found: the estimate, of all states.
+        biases: estimated biases of the ranges of stations; None: none are estimated.
     """
     assert record.measured is not None
     keep, X = len(out.t_ns), found.solution.X

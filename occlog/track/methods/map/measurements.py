@@ -25,7 +25,13 @@ BESIDE_WALL = 4.0
 
 
 class SensorStations(NamedTuple):
-    """All sensors of a scene, in the order of `sensor_names`."""
+    """All S sensors of a scene (cameras, then microphone arrays) as arrays, relative to the origin of the search.
+
+    Columns (S,): position (S, 2), azimuth `yaw` of the optical axis, focal length [px] (0: not a camera), standard
+    deviations of a reading [px], of position and of yaw [rad], range, field of view [rad] and detection probability
+    (NaN: none). `blockers` are the polygons that hide things from each sensor, `hull` (K, 2) the room's convex hull
+    (None: unbounded), `walls` the polygons in which the target cannot be.
+    """
 
     position: Floats  # (S, 2)
     yaw: Floats  # (S,)
@@ -45,9 +51,10 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
     """Return the sensors of a scene in coordinates relative to an origin.
 
     Args:
-        scene: cameras and arrays.
+        scene: cameras and arrays, room and static occluders.
         origin: (2,) in the scene's coordinates.
-        walls: whether room and static occluders hold the target in.
+        walls: whether room and static occluders constrain the target; else there are no `blockers` and `walls`, and
+            `hull` is None.
     """
     cameras, arrays = scene.cameras, scene.arrays
     none = [0.0] * len(arrays)
@@ -96,7 +103,11 @@ def convex_hull(polygon: Floats) -> Floats:
 
 
 def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
-    """Return the lines of sight of the rows that saw the target; camera readings have the noise of [Ercan] Eq. 2."""
+    """Return the bearings of the record's rows that saw the target as lines of sight, with their variances.
+
+    A camera's pixel reading has the noise of [Ercan] Eq. 2 (reading, yaw and position of the camera); readings farther
+    off-axis than `MAX_OFF_AXIS_RAD`, and bearings without a pixel, count as directions.
+    """
     seen = record.rows.take(record.rows.seen)
     sensor, u = seen.sensor, seen.u_px
     off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
@@ -132,15 +143,15 @@ def constraints(
     T: int,
     inlier: Bools | None = None,
 ) -> HalfPlanes:
-    """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
+    """Return the half-planes of a trajectory: in front of each camera that saw the target, in range, in the room.
 
     A target that is seen is on the camera's side of the first wall behind it on its line of sight.
 
     Args:
         lines: N lines of sight, of the rows of the record that saw the target.
-        record: measurements of the target in T scans.
-        at: positions of the sensors.
-        config: settings, which say what constraints there are.
+        record: measurements of the target at T times.
+        at: the sensors.
+        config: settings, which state what constraints there are.
         T: number of states.
         inlier: (N,) which lines of sight constrain the trajectory; None: all.
     """
@@ -168,10 +179,10 @@ def constraints(
 
 
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
-    """Return half-planes on the camera's side of the first wall that each line of sight meets.
+    """Return half-planes that keep the target on the camera's side of the first wall on each line of sight.
 
-    A line of sight that may pass next to that wall, by its standard deviation, gives no constraint. `seen` are the rows
-    of the lines of sight.
+    A line of sight that may pass next to that wall, by its standard deviation, gives none. `lines` are the lines of
+    sight of the rows `seen`, in their order.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
@@ -187,11 +198,11 @@ def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> 
 
 
 def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
-    """Return indices of the lines of sight that surely meet a wall, and half-planes before the walls.
+    """Return indices (k,) of the lines of sight that surely meet a wall, and half-planes before these walls.
 
-    Half-planes are normals (k, 2) and offsets (k,), one for each of these lines. Where they are sure to meet one edge
-    it is this edge's; around a corner of a convex wall what is before it is not beyond the farther of the outermost
-    lines of sight' hits.
+    Half-planes are normals (k, 2) and offsets (k,), with normal . xy >= offset. If all angles within the uncertainty
+    meet one edge, it is that edge's line; around a corner of a convex wall it is the line across the line of sight at
+    the farther of the two outermost hits.
 
     Args:
         position: (2,) of the sensor.
@@ -223,13 +234,13 @@ def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats
 
 
 def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
-    """Return (n,) index of the edge first hit by lines of sight from one position; -1 for none.
+    """Return (n,) index of the edge that each line of sight from one position hits first; -1: none.
 
     Args:
-        position: (2,) position where the lines of sight begin.
-        bearing: (n,) directions of the lines of sight [rad].
+        position: (2,) origin of the lines of sight.
+        bearing: (n,) their directions [rad].
         start: (E, 2) one end of each edge.
-        edge: (E, 2) from there to the other end.
+        edge: (E, 2) vector from there to the other end.
     """
     ray = np.column_stack([np.cos(bearing), np.sin(bearing)])[:, None, :]
     to = (start - position)[None]

@@ -51,16 +51,16 @@ from .search.start import rays_of
 
 
 def lag_ns(lag_s: float | None) -> int | None:
-    """Return the lag [ns] from the setting [s]; None: estimates wait for the end of the recording."""
+    """Return the lag in ns from the setting in s; None stays None: estimates wait for the end of the recording."""
     return None if lag_s is None else round(lag_s * NS)
 
 
 def settled(t_ns: Ints, lag_ns: int | None) -> int:
-    """Return the number of initial states older than the lag; the last one is never released.
+    """Return the number of initial states that are old enough to be released; never the last one.
 
     Args:
         t_ns: (T,) times of the states, rising, T >= 1.
-        lag_ns: a state is settled when it lies at least so long before the last one; None: no state is.
+        lag_ns: a state is released when it is at least this long before the last one; None: no state is.
     """
     if lag_ns is None:
         return 0
@@ -70,12 +70,12 @@ def settled(t_ns: Ints, lag_ns: int | None) -> int:
 def residuals_and_noise_scales(
     pending: Pending, record: TargetRecord, sought: RobustSearchResult, found: PathsAroundObstacles
 ) -> tuple[BearingResiduals, NoiseScales]:
-    """Return bearing residuals of the estimate, and estimated noise factors of bearings and motion.
+    """Return normalised residuals of the bearings at the estimate, and estimated noise factors of bearings and motion.
 
     Args:
-        pending: the target.
+        pending: unreleased part of the target's record.
         record: measurements of the target.
-        sought: which bearings the search used.
+        sought: result of the search: which bearings it used, and the variance factors.
         found: the estimate.
     """
     X, problem = found.solution.X, found.problem
@@ -105,7 +105,14 @@ def residuals_and_noise_scales(
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
-    """Return (N,) angles between lines of sight and their states in X (T, 4), >= 0, in standard deviations."""
+    """Return (N,) angles between N lines of sight and the target's states, >= 0, in standard deviations.
+
+    Args:
+        lines: lines of sight, of the rows of the record that saw the target.
+        record: measurements of the target.
+        pending: unreleased part of the target's record; gives the sensors.
+        X: (T, 4) states x, vx, y, vy.
+    """
     rays = rays_of(lines, record, pending.at)
     away = X[lines.step, ::2] - lines.position
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
@@ -123,11 +130,14 @@ def advance(
     """Add a block of scans to a target's record; return the remaining record and the states released.
 
     Args:
-        pending: record so far, from `begin` or the call before.
+        pending: record so far, from `begin` or the call before; not changed.
         scans: of this target, after those of the last call; only labelled rows.
-        last: nothing will follow, so that everything is given out.
+        last: no scans follow, so that all states are released.
         watch: called with each iterate of the search for the whole (not of windows that only start it);
-            its positions count from `pending.origin`.
+            its positions are relative to `pending.origin`.
+
+    Raises:
+        InputError: numeric overflow, as of variances beyond all bounds.
     """
     config = pending.config
     # Gather the record so far, with a state at least every `max_state_gap_s`
@@ -170,13 +180,13 @@ def advance(
 def _estimate(
     sought: RobustSearchResult, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
 ) -> tuple[PathsAroundObstacles, Floats]:
-    """Return the estimate that is given out, and its covariances (T, 4, 4).
+    """Return the estimate that is released (mode or invariant estimate), and its covariances (T, 4, 4).
 
     Args:
-        sought: the mode.
+        sought: result of the search: the mode.
         around: the obstacles.
-        pending: the target.
-        stated: covariances are made with the stated noises, whatever residuals tell.
+        pending: unreleased part of the target's record; gives the settings.
+        stated: covariances use the stated noises, whatever residuals show.
     """
     config, extent, mode = pending.config, pending.extent, sought.mode
     honest = config.adapt_noise and config.consensus and config.loss != "square" and not stated
@@ -217,16 +227,16 @@ def _smoothed(
     judged: tuple[BearingResiduals, NoiseScales],
     rivals: tuple[RivalMode, ...],
 ) -> SmoothedTrajectory:
-    """Return the first `len(spread)` states as smoothed states with diagnostics.
+    """Return the first `len(spread)` states as a smoothed trajectory with diagnostics and flags.
 
     Args:
-        pending: the target.
+        pending: unreleased part of the target's record.
         problem: cost and constraints of a trajectory of T states.
         solution: minimum of the problem.
-        spread: (keep, 4, 4) covariances of the states that are given out.
-        record: measurements of the target in T scans.
+        spread: (keep, 4, 4) covariances of the states that are released.
+        record: measurements of the target at T times.
         stuck: (T,) states with contradictory constraints.
-        through: (T,) states inside an obstacle.
+        through: (T,) states inside a wall.
         judged: residuals of the bearings, and noise factors.
         rivals: competing modes.
     """
@@ -275,9 +285,13 @@ def _smoothed(
 
 
 def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> RivalTrajectory:
-    """Summarise where a rival mode differs from states X (T, 4), among the first `keep`: rows, distance and times.
+    """Summarise where a competing mode differs from the best one: number of states, distance, times, excess cost.
 
-    It must differ in one of them.
+    Args:
+        rival: the mode; it must differ significantly at one of the first `keep` states.
+        X: (T, 4) states of the best mode.
+        record: measurements, with the times of the states.
+        keep: number of states that are released.
     """
     rows = np.flatnonzero(rival.elsewhere[:keep])
     away = np.hypot(*(rival.X - X)[rows, ::2].T)
@@ -286,7 +300,10 @@ def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> Riva
 
 
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """Return (T,) log likelihoods of each state's bearings at X (T, 4) under the loss; NaN without bearings."""
+    """Return (T,) log likelihoods of each state's bearings at X (T, 4) x, vx, y, vy; NaN without bearings.
+
+    They are under the problem's loss, with the normalisation of a Gaussian.
+    """
     lines = problem.lines
     away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)

@@ -46,7 +46,11 @@ MIN_CAVITY_SHARE = 1e-6
 
 
 class OccluderTerms(NamedTuple):
-    """Effect of occluders on N lines of sight and T states."""
+    """What moving occluders add to the cost of a trajectory with N bearings and T states.
+
+    `lean` (N,) is added to the log odds that each bearing is true, at most 0; `hints` are quadratic terms of the
+    positions.
+    """
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
     hints: QuadraticPriors
@@ -55,15 +59,15 @@ class OccluderTerms(NamedTuple):
 def occlusion_terms(
     pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderTerms | None
 ) -> OccluderTerms:
-    """Compute the occluder terms along a trajectory.
+    """Compute the terms of moving occluders along a trajectory, by expectation propagation at each time with priors.
 
     Args:
-        pending: the target.
-        record: measurements of the target in T scans.
-        X: (T, 4) the trajectory.
-        spread: (T, 4, 4) its covariances, with the earlier terms of occluders.
-        inlier: (N,) which lines of sight count as the target's.
-        before: the earlier terms, along a trajectory nearby; the terms go half of the way from there.
+        pending: unreleased part of the target's record: settings and sensors.
+        record: measurements of the target at T times, with the priors of occluders.
+        X: (T, 4) states x, vx, y, vy of the trajectory.
+        spread: (T, 4, 4) their covariances, with the earlier terms of occluders.
+        inlier: (N,) which bearings count as the target's.
+        before: the earlier terms, along a trajectory nearby; quadratic terms go half of the way from there. None: none.
     """
     rows, config = record.rows, pending.config
     lean, line = np.zeros(len(inlier)), np.cumsum(rows.seen) - 1
@@ -111,7 +115,7 @@ def occlusion_terms(
 
 
 def _detection(pending: Pending, i: int) -> float:
-    """Return the detection probability of camera `i`: its own, or that of the settings; 1 if unknown."""
+    """Return the detection probability of the camera with index `i`: its own, or that of the settings; 1 if unknown."""
     own = float(pending.at.detection[i])
     if math.isnan(own):
         own = 1.0 if pending.config.detection_probability is None else pending.config.detection_probability
@@ -129,14 +133,14 @@ def quadrature() -> tuple[Floats, Floats]:
 def cavity_distribution(
     position: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
-    """Return mean (2,) and covariance (2, 2) of a position with one quadratic term removed.
+    """Return the mean (2,) and covariance (2, 2) of a Gaussian position with one quadratic term removed.
 
-    None if that is too uncertain.
+    None if little information (`MIN_CAVITY_SHARE`) is left.
 
     Args:
         position: (2,) mean with the term.
         covariance: (2, 2) covariance with the term.
-        term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
+        term: centre (2,), slope (2,) and curvature (2, 2) of its cost; None: there is no term.
     """
     if term is None:
         return position, covariance
@@ -150,16 +154,16 @@ def cavity_distribution(
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the quadratic term that maps a Gaussian to the moments of weighted points (curvature >= 0).
+    """Return the quadratic term that turns a Gaussian into one with the moments of weighted points.
 
     Args:
-        points: (Q, 2) positions.
-        weights: (Q,) of the Gaussian's quadrature times the likelihood, up to a factor.
+        points: (Q, 2) quadrature nodes of the Gaussian.
+        weights: (Q,) quadrature weights times the likelihood, up to a factor.
         mean: (2,) of the Gaussian.
-        covariance: (2, 2) covariance of the Gaussian.
+        covariance: (2, 2) of the Gaussian.
 
     Returns:
-        Centre (2,), slope (2,) there, and curvature (2, 2), positive semidefinite.
+        Centre (2,), slope (2,) of the cost there, and curvature (2, 2), made positive semidefinite.
     """
     weights = weights / weights.sum()
     centre = weights @ points
@@ -175,19 +179,22 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
 
 
 def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Return the mean of two quadratic terms (centre, slope, curvature), about the centre of `b`."""
+    """Return the mean of two quadratic terms about the centre of `b`.
+
+    A term is centre (2,), slope (2,) there and curvature (2, 2).
+    """
     slope = a[1] + a[2] @ (b[0] - a[0])
     return b[0], 0.5 * (slope + b[1]), 0.5 * (a[2] + b[2])
 
 
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
-    """Return centre (2,), slope (2,) and curvature (2, 2) of quadratic term `m`."""
+    """Return the quadratic term with index `m`: centre (2,), slope (2,) there, and curvature (2, 2)."""
     xx, xy, yy = hints.bend[m]
     return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
 def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:
-    """Return quadratic terms (state, centre, slope, curvature) as arrays."""
+    """Return K quadratic terms, given as (state index, centre (2,), slope (2,), curvature (2, 2)), as arrays."""
     return QuadraticPriors(
         np.array([t for t, *_ in made], dtype=np.int64),
         np.array([c for _, c, _, _ in made]).reshape(-1, 2),

@@ -16,10 +16,15 @@ OSQP_STEPS = 200_000
 
 
 def program_solver(name: str) -> Solver:
-    """Return a solver of quadratic programs by its name; UsageError if its package is not installed.
+    """Return the solver of quadratic programs with the given name: a function from a program to its solution.
+
+    The solution is the change of all states, and the multipliers of the constraints.
 
     Args:
-        name: one of `occlog.track.methods.map.config.PACKAGES`.
+        name: `clarabel` or `osqp`.
+
+    Raises:
+        UsageError: the package is not installed.
     """
     try:
         package = importlib.import_module(name)
@@ -34,6 +39,7 @@ def program_solver(name: str) -> Solver:
 
 
 def _clarabel(package: Any, p: Program) -> tuple[Floats, Floats]:
+    """Solve a quadratic program with the package clarabel; return the change d (4 T,) and the multipliers (M,) >= 0."""
     settings = package.DefaultSettings()
     settings.verbose = False
     cone = [package.NonnegativeConeT(len(p.b))]
@@ -43,6 +49,7 @@ def _clarabel(package: Any, p: Program) -> tuple[Floats, Floats]:
 
 
 def _osqp(package: Any, p: Program) -> tuple[Floats, Floats]:
+    """Solve a quadratic program with the package osqp; return the change d (4 T,) and the multipliers (M,) >= 0."""
     solver = package.OSQP()
     solver.setup(
         sparse.triu(p.P).tocsc(),

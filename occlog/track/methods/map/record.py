@@ -22,7 +22,12 @@ NO_STATES = np.empty(0, dtype=np.int64)
 
 
 class TargetRecord(NamedTuple):
-    """Measurement rows of T scans of one target; the trajectory has one state per scan."""
+    """Measurements of one target at T times; the estimated trajectory has one state per time.
+
+    `t_ns` (T,) rise; `rows` are R bearing rows (detections and misses), each of the time with the index `state` (R,);
+    `occluders` has the priors of moving occluders of the first times (None, and beyond these: unknown); `measured` are
+    ranges, signal strengths and differences, of the times `measured_state` (None: missing).
+    """
 
     t_ns: Ints  # (T,) rising
     state: Ints  # (R,) which time each row is of, rising
@@ -32,7 +37,7 @@ class TargetRecord(NamedTuple):
     measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:
-        """Return the priors of moving occluders at a state (index); None if unknown."""
+        """Return the priors of moving occluders at the time with index `state`; None if unknown."""
         return self.occluders[state] if state < len(self.occluders) else None
 
 
@@ -41,7 +46,7 @@ EMPTY = TargetRecord(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), S
 
 
 def record_of(scans: Sequence[Scan]) -> TargetRecord:
-    """Return the record of scans in time order."""
+    """Return the record of a target's scans in time order: one time per scan, rows concatenated."""
     counts = [len(scan.sensor) for scan in scans]
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
     rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
@@ -54,7 +59,7 @@ def record_of(scans: Sequence[Scan]) -> TargetRecord:
 
 
 def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
-    """Return record `a` followed by record `b`, which is later."""
+    """Return record `a` followed by record `b`, which must be later; the state indices of `b` are shifted."""
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
     silent = (None,) * (len(a.t_ns) - len(a.occluders))
     occluders = _occluder_priors_of((*a.occluders, *silent, *b.occluders))
@@ -70,7 +75,7 @@ def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
 
 
 def after(record: TargetRecord, state: int) -> TargetRecord:
-    """Return the part of the record from state `state` on, which becomes its state 0."""
+    """Return the part of the record from the time with index `state` on, which gets the index 0."""
     rows = record.state >= state
     own = record.measured_state >= state
     return TargetRecord(
@@ -84,15 +89,17 @@ def after(record: TargetRecord, state: int) -> TargetRecord:
 
 
 def _occluder_priors_of(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
-    """Return the occluder priors; empty if they are unknown at all times."""
+    """Return the tuple of occluder priors by time; empty if they are unknown (None) at all times."""
     return () if all(priors is None for priors in occluders) else occluders
 
 
 def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
-    """Return the record with states inserted in gaps longer than `longest_s` [s]; None: no states are inserted.
+    """Return the record with times without measurements inserted, evenly, in gaps longer than `longest_s` [s].
+
+    None: the record itself.
 
     Raises:
-        InputError: more than `MAX_STATES` states.
+        InputError: the record would have more than `MAX_STATES` times.
     """
     if longest_s is None or len(record.t_ns) < 2:
         return record

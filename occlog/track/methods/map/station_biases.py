@@ -33,7 +33,12 @@ SETTLED_SIGMAS = 0.1
 
 
 class StationBiases(NamedTuple):
-    """Biases of the ranges of S stations: estimates, covariance, and how the states depend on them."""
+    """Constant biases of the ranges of S stations, estimated with a trajectory of T states.
+
+    `station` (S,) are station numbers, ascending, `bias` (S,) by how much their ranges are too long, `covariance`
+    (S, S); `step` (S,) is the last change, `moves` (T, 4, S) are the derivatives of the states by the biases, and
+    `settled` whether the last two steps were small.
+    """
 
     station: Ints  # (S,) numbers, rising
     bias: Floats  # (S,) by how much ranges are too long
@@ -43,7 +48,7 @@ class StationBiases(NamedTuple):
     settled: bool = False  # the last two steps were small
 
     def corrected(self, rows: RangeMeasurements) -> RangeMeasurements:
-        """Return measurements without the biases of ranges, and with the last change of biases as additional noise."""
+        """Return the measurements with the biases subtracted from ranges, and the last change as additional noise."""
         own, ranges = self._of(rows)
         value, sigma = rows.value.copy(), rows.sigma.copy()
         value[ranges] -= self.bias[own]
@@ -51,7 +56,7 @@ class StationBiases(NamedTuple):
         return rows._replace(value=value, sigma=sigma)
 
     def cost(self, rows: RangeMeasurements) -> float:
-        """Return the negative log prior of the biases, up to a constant."""
+        """Return the negative log prior of the biases, up to a constant; its standard deviation is `rows.bias`."""
         return 0.5 * float((self.bias**2).sum()) / rows.bias**2
 
     def updated(
@@ -60,11 +65,11 @@ class StationBiases(NamedTuple):
         """Return the biases after a Newton step, no longer than the previous step.
 
         Args:
-            rows: m measurements as they were, in the coordinates of X.
-            state: (m,) states that they are of.
-            problem: cost and constraints of T states, with measurements of distances as quadratic terms.
-            before: (T, 4) states about which the terms are.
-            X: (T, 4) states at the minimum of the problem.
+            rows: m measurements without correction, in the coordinates of X.
+            state: (m,) index of each one's time.
+            problem: cost and constraints of T states, with distance measurements as quadratic terms.
+            before: (T, 4) states about which the terms were linearised.
+            X: (T, 4) states x, vx, y, vy at the minimum of the problem.
         """
         own, ranges = self._of(rows)
         here, at = self.corrected(rows).take(ranges), state[ranges]
@@ -96,28 +101,31 @@ class StationBiases(NamedTuple):
         return StationBiases(self.station, self.bias + step, P, step, moves, bool(small.all()))
 
     def spread(self, keep: int) -> Floats:
-        """Return (keep, 4, 4) contributions of the biases to the covariances of the first `keep` states."""
+        """Return what the uncertain biases add to the covariances of the first `keep` states, (keep, 4, 4)."""
         return np.asarray(np.einsum("tis,sk,tjk->tij", self.moves[:keep], self.covariance, self.moves[:keep]))
 
     def stated(self) -> tuple[StationBias, ...]:
-        """Return the biases of all stations with their standard errors."""
+        """Return station number, bias and standard error of each station."""
         error = np.sqrt(np.diag(self.covariance))
         columns = (self.station.tolist(), self.bias.tolist(), error.tolist())
         return tuple(StationBias(*one) for one in zip(*columns, strict=True))
 
     def _of(self, rows: RangeMeasurements) -> tuple[Ints, Bools]:
-        """Return the index of its bias for each range, and (m,) booleans: the measurement is a range."""
+        """Return, for each range, the index of its station in `station`; and (m,) which measurements are ranges."""
         ranges = biased(rows)
         return np.searchsorted(self.station, rows.station[ranges]), ranges
 
 
 def biased(rows: RangeMeasurements) -> Bools:
-    """Return (m,) booleans: the measurement is a range, which a bias of its station may falsify."""
+    """Return a mask (m,) of measurements that are ranges, which a bias of their station may falsify."""
     return np.asarray(DELAYED[rows.kind] & (rows.kind != DIFFERENCE))
 
 
 def begin_biases(rows: RangeMeasurements, T: int) -> StationBiases | None:
-    """Return biases of 0 with their prior uncertainty, for T states; None if the prior is 0 or there are no ranges."""
+    """Return biases of 0 with their prior uncertainty, for T states.
+
+    None if the prior standard deviation is 0 or there are no ranges.
+    """
     station = np.unique(rows.station[biased(rows)])
     S = len(station)
     if not rows.bias or not S:

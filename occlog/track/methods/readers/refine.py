@@ -29,7 +29,7 @@ NEAREST = 1e-6
 
 
 class TagSightings(NamedTuple):
-    """Bearings of a tag by C cameras in N windows; NaN where a camera does not see it."""
+    """Bearings of tags from C cameras, for N coarse positions, one for each window of reads; NaN: not seen."""
 
     position: Floats  # (C, 2) of the cameras on the ground
     yaw: Floats  # (C,) azimuth of their axes [rad]
@@ -38,7 +38,7 @@ class TagSightings(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """N positions of a tag, refined by cameras where possible, and which of C cameras refined each."""
+    """N positions of tags, refined by lines of sight of cameras where possible, and which of C cameras refined each."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -245,7 +245,7 @@ def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> Ta
 
 
 def _velocities(tracks: TagTracks, before: Floats, covariance: Floats, found: Refined, form: str) -> dict[str, Floats]:
-    """Return the columns of velocities and their covariances given the refined positions, by name.
+    """Return the columns of velocities and their covariances, by name, given positions refined by lines of sight.
 
     For forms other than `rays` they are NaN in refined rows.
 

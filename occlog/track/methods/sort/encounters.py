@@ -31,7 +31,9 @@ class Encounters:
         self._going_on: dict[tuple[int, int], list[float]] = {}
 
     def add(self, t_ns: int, ids: Ints, ratio: Floats, target: Ints, box: Ints) -> Iterator[Event]:
-        """Add a frame, and generate the events of the encounters that have ended.
+        """Add a frame, and generate the events of the encounters that have ended by it.
+
+        An event is a possible identity switch with the largest probability in the encounter, once for each of the two.
 
         Args:
             t_ns: time of the frame [ns].
@@ -49,7 +51,7 @@ class Encounters:
             yield from _events(pair, self._going_on.pop(pair)[0])
 
     def finish(self) -> Iterator[Event]:
-        """Generate the events of all ongoing encounters, which end."""
+        """End all ongoing encounters, and generate their events."""
         for pair, (probability, _) in self._going_on.items():
             yield from _events(pair, probability)
         self._going_on = {}

@@ -45,7 +45,7 @@ class Boxes:
     Attributes:
         frame: (k,) index of the frame among all of the camera.
         boxes: (k, 4) left, top, right, bottom [px].
-        appearance: (k, K) NaN: none.
+        appearance: (k, K) appearance vectors; NaN: none.
         row: (k,) number of each box, no other box of the camera has it.
     """
 
@@ -283,6 +283,8 @@ def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tupl
 
 def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
     """Generate the doubt about a link, or a pair of links, if the alternative has at least `MIN_PROBABILITY`.
+
+    The alternative is that the link does not exist, or that the two links are exchanged.
 
     Args:
         parts: tracklets.

@@ -68,12 +68,21 @@ MAX_ROOM_MARGIN_HEIGHTS, MAX_OUTSIDE_ROOM_SHARE = 0.5, 0.05
 
 
 class CameraAgreement:
-    """Counts, over time steps, of the people that each camera detects among those that another camera detects."""
+    """Counts, over time steps, of the people that each camera detects among those that another camera detects.
+
+    From these, and from the filter's estimates of clock offsets and rotations, it checks whether cameras agree.
+    """
 
     def __init__(
         self, views: Sequence[Camera | PositionSource], person_height: float = 1.7, room: Floats | None = None
     ) -> None:
-        """Start all counts at 0; `person_height` in the scene's unit, `room` (K, 2) where people can be."""
+        """Start all counts at 0.
+
+        Args:
+            views: cameras, then position sensors, by index.
+            person_height: mean height of people in the scene's unit.
+            room: (K, 2) polygon where people can be; None: not stated.
+        """
         self._room, self._spots = room, [Counter[tuple[int, int]]() for _ in views]
         self.person_height = person_height
         self.names = [c.name for c in views]
@@ -132,20 +141,22 @@ class CameraAgreement:
     def shares(self) -> Floats:
         """(C,) detection rate of each camera.
 
-        It is the share of the unoccluded people detected by another camera that the camera detects, too; NaN if fewer
-        than `MIN_EXPECTED_DETECTIONS` are expected.
+        It is the share of the people detected by another camera and unoccluded in this one that the camera detects; NaN
+        if fewer than `MIN_EXPECTED_DETECTIONS` are expected.
         """
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
     def person_heights(self) -> Floats:
-        """(C,) median height of people by the boxes of each camera; NaN: too few boxes."""
+        """Return (C,) median heights of people by the boxes of each camera [scene unit]; NaN: too few boxes."""
         return self._faults.heights()
 
     def checks(self, tally: BoxStatistics, unit: str = "m") -> tuple[Check, ...]:
-        """Return all checks of the cameras, with their findings.
+        """Return all checks of the cameras, with their findings; causes stand before their consequences.
 
-        `tally`: counts of boxes; `unit`: length unit of the scene, for messages.
+        Args:
+            tally: counts of frames and boxes.
+            unit: length unit of the scene, for messages.
         """
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
@@ -191,7 +202,10 @@ class CameraAgreement:
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self, unit: str) -> Iterator[Check]:
-        """Generate findings about the position error that all cameras share, if its standard deviation is large."""
+        """Generate a finding if the standard deviation of the position error common to all cameras is large.
+
+        `unit` is the length unit, for the message.
+        """
         if self.common_sigma > MAX_COMMON_SIGMA_HEIGHTS * self.person_height:
             sigma, time_s = self.common_sigma, self.common_time_s
             yield finding(COMMON, "common-position-error", sigma=sigma, unit=unit, time_s=time_s)
@@ -203,7 +217,10 @@ class CameraAgreement:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
 
     def _late(self) -> Iterator[Check]:
-        """Report the cameras with a significant drift or delay of the clock, by residuals of the filter."""
+        """Generate findings about cameras with a significant clock drift, or else clock offset.
+
+        Both are by the filter's residuals.
+        """
         drifts, limits = clock_drifts(self.clock_history, self.clock_times_s)
         span_s = float(np.ptp(self.clock_times_s)) if len(self.clock_times_s) else 0.0
         for c, (name, late_s, limit_s) in enumerate(
@@ -219,7 +236,7 @@ class CameraAgreement:
                 yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, allowed=limit_s, **words)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Generate findings about the cameras without boxes, with duplicate boxes, or with boxes outside the image."""
+        """Generate findings about cameras without boxes, or with many duplicate boxes or boxes outside the image."""
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
@@ -230,7 +247,7 @@ class CameraAgreement:
                 yield _of_boxes(name, "boxes-outside-image", tally.outside[c], whole[c], MAX_OUTSIDE_SHARE)
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Generate a finding if most boxes of all cameras, or nearly all moving boxes of one, are of no track.
+        """Generate findings if most boxes of all cameras, or nearly all moving ones of a camera, are of no track.
 
         The cause is wrong extrinsics, or boxes of objects that are not people.
         """
@@ -257,7 +274,7 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
-        """Generate the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations.
+        """Generate the set-up mistakes that explain why boxes of cameras do not fit, or else errors of calibrations.
 
         `checks` are the findings of the other checks, `unit` is the length unit for messages.
         """
@@ -270,13 +287,16 @@ class CameraAgreement:
             yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:
-        """Generate findings about cameras with a long gap without boxes while others detect people in their views."""
+        """Generate findings about cameras with a long interval without boxes.
+
+        Others detect people in the camera's view meanwhile.
+        """
         for gap in self._faults.gaps():
             name = self.names[gap.camera]
             yield finding(GAPS, "camera-gap", sensors=[name], begin_s=gap.begin_s, end_s=gap.end_s, people=gap.people)
 
     def _moving(self, camera: int) -> int:
-        """Number of boxes of a camera that are not static clutter.
+        """Return the number of boxes of the camera with this index that are not static clutter.
 
         Boxes in spots of the image that hold more than `MAX_SHARE_OF_A_SPOT` of the camera's boxes are not counted.
         """
@@ -285,14 +305,17 @@ class CameraAgreement:
         return sum(count for count in counts.values() if count <= most)
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """Generate findings about cameras with people that no other detects, although others detect the same people."""
+        """Generate findings about cameras with people that no other camera detects.
+
+        A finding requires that others detect people in common.
+        """
         for c, name in enumerate(self.names[: self.cameras]):
             others = np.delete(self.confirmed, c)
             if self.alone[c] >= FEWEST_BOXES and not self.confirmed[c] and others.max(initial=0) >= FEWEST_BOXES:
                 yield finding(CONFIRMED, "camera-alone", sensors=[name], count=int(self.alone[c]))
 
     def _outside(self) -> Iterator[Check]:
-        """Generate a finding if people are outside the room, with the cameras that detect them there."""
+        """Generate a finding if people are often outside the room, with the cameras that detect them there."""
         if exceeds_share(self.outside_room, self.rows, MAX_OUTSIDE_ROOM_SHARE):
             order = np.argsort(-self.outside_by, kind="stable")
             seen_by = [self.names[c] for c in order.tolist() if self.outside_by[c] > 0.5 * self.outside_by[order[0]]]
@@ -308,7 +331,7 @@ class CameraAgreement:
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
         """Generate findings about cameras with a detection rate far below that of the others.
 
-        If a clock offset explains the rate, the finding is about the offset.
+        If a clock offset explains the rate, the finding is about the offset. `tally` are counts of boxes.
         """
         shares = self.shares
         for c, name in enumerate(self.names):
@@ -336,9 +359,9 @@ class CameraAgreement:
                 )
 
     def _unknown_rotations(self) -> str:
-        """Explain why the orientation check does not apply.
+        """Return the reason why the orientation check does not apply; "" if it does.
 
-        "" if rotations of `MAX_LIMIT_DEG` and more would be found.
+        It does if rotations of `MAX_LIMIT_DEG` would be significant.
         """
         limits = np.degrees(self.angles_limit[: self.cameras, 0])
         known = limits[np.isfinite(limits)]
@@ -347,9 +370,9 @@ class CameraAgreement:
         return f"only rotations above {known.max():.2g} deg would be found" if known.max() > MAX_LIMIT_DEG else ""
 
     def _rotated(self) -> Iterator[Check]:
-        """Generate findings about the cameras rotated significantly from their calibration.
+        """Generate findings about cameras that the filter has found rotated against their calibration.
 
-        Small rotations are corrected by the filter.
+        A warning from `MIN_ROTATED_DEG` on, else a note: small rotations are corrected by the filter.
         """
         for name, (yaw, pitch) in zip(self.names, np.degrees(self.angles).tolist(), strict=True):
             if yaw or pitch:
@@ -371,7 +394,7 @@ class CameraAgreement:
 
 
 def _spots(boxes: Floats) -> list[tuple[int, int]]:
-    """Cells of an image grid that hold the centres of boxes (n, 4: left, top, right, bottom) [px], as (column, row).
+    """Return cells (column, row) of an image grid that hold the centres of boxes (n, 4: left, top, right, bottom) [px].
 
     The cell size is `SPOT` times the box size, rounded to a power of two.
     """
@@ -383,7 +406,7 @@ def _spots(boxes: Floats) -> list[tuple[int, int]]:
 
 
 def distance_outside(xy: Floats, room: Floats) -> Floats:
-    """(n,) distances of points `xy` (n, 2) from the polygon `room` (K, 2); 0 inside."""
+    """Return (n,) distances of points `xy` (n, 2) from the polygon `room` (K, 2); 0 inside."""
     start, along = room, np.roll(room, -1, axis=0) - room
     to = xy[:, None] - start
     share = np.clip(np.sum(to * along, axis=-1) / np.maximum(np.sum(along**2, axis=-1), 1e-30), 0.0, 1.0)
@@ -392,8 +415,8 @@ def distance_outside(xy: Floats, room: Floats) -> Floats:
 
 
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
-    """Return finding `id` about the boxes of the camera `name`.
+    """Return the finding `id` that `count` of the `boxes` boxes of camera `name` have a fault.
 
-    `count` of its `boxes` have a fault; a share `allowed`, 0 to 1, is acceptable.
+    `allowed` is the acceptable share, 0 to 1.
     """
     return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

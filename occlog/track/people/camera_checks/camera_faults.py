@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import chain, product
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -40,11 +40,10 @@ from .pair_errors import (
 from .pair_overlap import (
     BoxesOfCamera,
     Overlap,
+    PairOverlaps,
     clearly_larger,
     in_image,
     located,
-    overlap,
-    overlaps,
     paired_rows,
     person_heights,
     projected_people,
@@ -95,10 +94,10 @@ class FittingChange(NamedTuple):
     """A correction of cameras after which their boxes overlap the people that the other cameras locate.
 
     Attributes:
-        cameras: that are changed.
-        words: the mistake.
-        fit: share of people expected in an image who then have a box there.
-        now: that share as cameras are.
+        cameras: indices of the cameras that are changed.
+        words: description of the mistake, for a message.
+        fit: share, after the correction, of the people expected in an image that overlap a box there.
+        now: that share with the cameras as given.
     """
 
     cameras: tuple[int, ...]
@@ -112,8 +111,8 @@ class Gap(NamedTuple):
 
     Attributes:
         camera: index of the camera.
-        begin_s, end_s: after the first time step [s].
-        people: number of detections of another camera in its view.
+        begin_s, end_s: first and last time step without a box [s], after the first time step of the recording.
+        people: number of detections of another camera in its view meanwhile.
         share: length of the gap as a share of the recording.
     """
 
@@ -125,14 +124,17 @@ class Gap(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """A candidate correction: its description, and the changed cameras and boxes."""
+    """A candidate correction: its description `words`, and the corrected cameras with boxes, by camera index."""
 
     words: str
     views: Mapping[int, BoxesOfCamera]
 
 
 class CameraFaults:
-    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up."""
+    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up.
+
+    Mistakes are wrong or exchanged extrinsics, image sizes, box formats and clocks.
+    """
 
     def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
         """Start without boxes; `person_height` in the scene's unit."""
@@ -142,7 +144,7 @@ class CameraFaults:
         self._last: tuple[int, _Search] | None = None
 
     def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Add the boxes of one time step.
+        """Add the boxes of one time step at `t_ns`.
 
         An evenly spaced subset of at most `MAX_STEPS` time steps is kept.
         """
@@ -191,7 +193,7 @@ class CameraFaults:
         return out
 
     def heights(self) -> Floats:
-        """(C,) median height of people by the boxes of each camera that were kept; NaN: too few boxes."""
+        """Return (C,) median heights of people by the kept boxes of each camera [scene unit]; NaN: too few boxes."""
         boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
         return person_heights([*boxes], self._cameras)
 
@@ -205,14 +207,14 @@ class CameraFaults:
 
     @property
     def _search(self) -> _Search:
-        """Search over the time steps kept so far."""
+        """Search over the time steps kept so far; made once for a number of added time steps."""
         if self._last is None or self._last[0] != self._count:
             self._last = self._count, _Search(self._cameras, self._samples, self._height)
         return self._last[1]
 
 
 class _Search:
-    """Search for mistakes of cameras over a set of time steps."""
+    """Search for mistakes of cameras over a set of time steps: tries corrections, and compares overlaps of boxes."""
 
     def __init__(
         self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
@@ -225,7 +227,12 @@ class _Search:
         self.every = max(1, round(count / MAX_BOXES))
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes that last for the whole recording; if there is none, those of a part of it; `unit` of lengths."""
+        """Return mistakes that last for the whole recording; without any, those of a part of it.
+
+        Args:
+            unit: length unit, for messages.
+            doubtful: another check has failed; otherwise only cameras that agree with no other one are examined.
+        """
         trusted = list(range(len(self.views)))
         agreement = self._agreement(trusted)
         limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
@@ -254,18 +261,21 @@ class _Search:
 
     @cached_property
     def errors(self) -> list[CameraError]:
-        """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
+        """Calibration errors of the fitting cameras by least squares over pairs of cameras (`pair_errors`)."""
         return self.errors_of(self._fitting)
 
     @cached_property
     def _fitting(self) -> tuple[int, ...]:
-        """Indices of the cameras with an agreement of `MIN_PAIRED`; boxes of other cameras are paired by chance."""
+        """Indices of the cameras with an agreement of at least `MIN_PAIRED`.
+
+        Boxes of other cameras would be paired by chance.
+        """
         return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
 
     def errors_of(self, cameras: Sequence[int], least: float = MIN_LOG_RATIO) -> list[CameraError]:
-        """Calibration errors of the cameras with these indices, by least squares over their pairs.
+        """Return calibration errors of the cameras with these indices, by least squares over their pairs.
 
-        `least`: logarithm of the ratio of evidences from which an error is significant.
+        `least`: logarithm of the ratio of evidences from which an error is significant. [] for fewer than two cameras.
         """
         if len(cameras) < 2:
             return []
@@ -295,7 +305,7 @@ class _Search:
         return out
 
     def _matters(self, error: CameraError) -> bool:
-        """Whether a camera error exceeds the threshold of its kind from which it is reported."""
+        """Return whether a camera error is as large as the threshold of its kind from which it is reported."""
         if error.kind == RADIAL:
             pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
             return any(lens_matters(self.views[c], k, shared=len(error.cameras) > 1) for c, k in pairs)
@@ -303,7 +313,10 @@ class _Search:
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
     def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
-        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        """Generate candidate corrections of lasting calibration errors that concern camera `c`.
+
+        All lenses are corrected at once, other errors one by one. `unit` is the length unit, for messages.
+        """
         # Boxes of two cameras that do not agree are compared, too: overlaps show whether an error explains them
         cameras = tuple(sorted({c, *self._fitting})) if len(self.views) > 2 else (0, 1)
         errors = self.errors if cameras == self._fitting else self.errors_of(cameras)
@@ -316,7 +329,10 @@ class _Search:
                 yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
 
     def _corrected(self, c: int, kind: int, values: Floats) -> BoxesOfCamera:
-        """Camera `c` with an error of this kind removed; `values` (1 or 2,) as in `CameraError`."""
+        """Return camera `c` with a calibration error removed.
+
+        `kind` is `YAW`, `RADIAL`, `FOCAL` or `HEIGHT`; `values` (1 or 2,) is its size, as in `CameraError.values`.
+        """
         view, value = self.views[c], float(values[0])
         if kind == RADIAL:
             return without_radial_error(view, value)
@@ -329,11 +345,14 @@ class _Search:
         return view._replace(camera=replace(camera, position=camera.position + raised))
 
     def words_of(self, error: CameraError, unit: str) -> str:
-        """Description of a camera error, and of another one that explains nearly as much; `unit` of lengths."""
+        """Return the description of a camera error, and of its rival if there is one, for a message.
+
+        `unit` is the length unit.
+        """
         return ", or ".join(self.words(each, unit) for each in error.either)
 
     def words(self, error: CameraError, unit: str) -> str:
-        """Description of a camera error for a message; `unit` of lengths."""
+        """Return the description of a camera error, without its rival, for a message; `unit` of lengths."""
         c, value = error.cameras[0], float(error.values[0, 0])
         name = self.views[c].camera.name
         if error.kind == RADIAL:
@@ -354,9 +373,9 @@ class _Search:
         return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
-        """(C list) excess overlap (`Overlap.excess`, at most 1) of each camera with the trusted cameras.
+        """Return the agreement of each camera with the cameras `trusted` (indices): chance-corrected overlap.
 
-        -inf if too few people are expected.
+        -inf if too few people are expected in its image and from it in others.
         """
         found = self._own
         if len(trusted) < len(self.views):
@@ -366,10 +385,10 @@ class _Search:
     @cached_property
     def _own(self) -> list[Overlap]:
         """Overlaps of each camera with all others, with the set-up as given."""
-        return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
+        return self._pairs.of_each()
 
     def gaps(self) -> list[Gap]:
-        """The longest interval without boxes of each camera that otherwise detects most people in its view."""
+        """Return the longest interval without boxes of each camera that otherwise detects most people in its view."""
         at_s = (self.t_ns - self.t_ns[0]) / NS
         out: list[Gap] = []
         for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
@@ -389,7 +408,7 @@ class _Search:
         return out
 
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
-        """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
+        """Return the number of people that another camera locates in the view of camera `c` from step first to last.
 
         It is the maximum over the other cameras.
         """
@@ -403,7 +422,7 @@ class _Search:
         return count
 
     def _for_a_while(self) -> list[FittingChange]:
-        """Mistakes that apply to a part of the recording only, with the best correction of that part."""
+        """Return mistakes that apply to a part of the recording only, with the best correction of that part."""
         span_s = float(self.t_ns[-1] - self.t_ns[0]) / NS
         count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
         steps = len(self.t_ns)
@@ -411,12 +430,17 @@ class _Search:
         shares = np.array([_by_window(each, window, count) for each in self._own])
         parts = [(c, part) for c, own in enumerate(shares) if (part := _worst_part(own)) is not None]
         out: list[FittingChange] = []
-        for c, (first, last) in sorted(parts, key=lambda each: float(np.nanmean(shares[each[0], slice(*each[1])]))):
+        for c, (first, last, limit) in sorted(
+            parts, key=lambda each: float(np.nanmean(shares[each[0], each[1].first : each[1].end]))
+        ):
             if any(c in each.cameras for each in out):
                 continue
             low, high = (int(np.flatnonzero(window == w)[k]) for w, k in ((first, 0), (last - 1, -1)))
             trusted = [o for o in range(len(self.views)) if not any(o in each.cameras for each in out)]
             within = self._during(low, high)
+            # All time steps may disagree with the few that are compared over the whole recording
+            if within._overlap({c: within.views[c]}, trusted).excess >= limit:
+                continue
             # Of two cameras that do not agree either may be wrong
             tried = trusted if len(trusted) == 2 else [c]
             changes = (change for k in tried for change in within._changes(k, trusted, for_a_while=True))
@@ -427,22 +451,26 @@ class _Search:
         return out
 
     def _during(self, low: int, high: int) -> _Search:
-        """The same search restricted to the time steps low to high."""
+        """Return the same search restricted to the time steps with the indices low to high."""
         other = _Search.__new__(_Search)
         other.t_ns, other.height, other.every = self.t_ns, self.height, 1
         other.views = [view.during(low, high) for view in self.views]
         return other
 
+    @cached_property
+    def _pairs(self) -> PairOverlaps:
+        """Comparison of all pairs of cameras over the subset of time steps that is compared."""
+        return PairOverlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
+
     def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
-        """Overlaps of changed cameras with the cameras `of`, over the subset of time steps that is compared."""
-        thin = [view.every(self.every) for view in self.views]
-        changes = {c: view.every(self.every) for c, view in changed.items()}
-        return overlap(thin, changes, len(self.t_ns), self.height, of)
+        """Overlaps of cameras, changed or not, with the cameras `of`, over the time steps that are compared."""
+        given = {c: view.every(self.every) for c, view in changed.items() if view is not self.views[c]}
+        return self._pairs.overlap(changed, given, of)
 
     def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
-        """The correction with the largest mean overlap of boxes.
+        """Return the correction with the largest mean overlap of boxes; None if none is clearly better than no change.
 
-        None if no correction is clearly better than the set-up as given.
+        `trusted` are the indices of the cameras compared with; None: all.
         """
         best, mean = None, -1.0
         before: dict[tuple[int, ...], Overlap] = {}
@@ -474,8 +502,11 @@ class _Search:
     ) -> Iterator[_Change]:
         """Generate candidate corrections of camera `c`, the simplest first.
 
-        `for_a_while` restricts them to faults that can begin and end during a recording; `rotations`: search for small
-        rotations, too.
+        Args:
+            c: index of the camera.
+            trusted: indices of the cameras that it is compared with.
+            for_a_while: only faults that can begin and end during a recording.
+            rotations: search for small rotations, too.
         """
         own, name = self.views[c], self.views[c].camera.name
         for o in trusted:
@@ -500,7 +531,10 @@ class _Search:
             yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
-        """Generate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
+        """Generate corrections of the clock of camera `c`: its boxes at earlier or later time steps.
+
+        The delays are `LATE_S`, rounded to time steps.
+        """
         step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
         own, last = self.views[c], len(self.t_ns) - 1
         for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
@@ -511,7 +545,7 @@ class _Search:
                 yield _Change(f"the times of {own.camera.name} are {k * step_s:.2g} s too {words}", {c: moved})
 
     def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
-        """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate.
+        """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate, if large enough.
 
         It is found by a Hough transform; `trusted` are the indices of the other cameras.
         """
@@ -527,11 +561,14 @@ class _Search:
         angles = angles[(np.abs(angles) < MAX_TURN).all(axis=1)]
         if len(angles) < MIN_EXPECTED:
             return
-        best, near = 0, angles
-        for x, y in product(np.arange(-MAX_TURN, MAX_TURN, TURN_CELL / 2), repeat=2):
-            inside = (np.abs(angles - [x, y]) < TURN_CELL / 2).all(axis=1)
-            if np.count_nonzero(inside) > best:
-                best, near = int(np.count_nonzero(inside)), angles[inside]
+        # Cells of the search overlap by half: each is two by two of the histogram's
+        half = 0.5 * TURN_CELL
+        edges = np.arange(-MAX_TURN - half, MAX_TURN + half, half)
+        counts = np.histogram2d(angles[:, 0], angles[:, 1], bins=[edges, edges])[0]
+        counts = counts[:-1] + counts[1:]
+        fullest = np.argmax(counts[:, :-1] + counts[:, 1:])
+        centre = edges[1:-1][list(np.unravel_index(fullest, (len(edges) - 2,) * 2))]
+        near = angles[(np.abs(angles - centre) < half).all(axis=1)]
         for _ in range(REFINEMENTS):
             near = angles[np.linalg.norm(angles - np.median(near, axis=0), axis=1) < TURN_CELL]
         yaw, pitch = np.median(near, axis=0)
@@ -542,19 +579,22 @@ class _Search:
 
 
 def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
-    """Description, for a message, of a rotation of the camera by `angles` (2,): yaw and pitch [rad]."""
+    """Return the description, for a message, of a camera rotated by `angles` (2,): yaw and pitch [rad]."""
     yaw_deg, pitch_deg = np.degrees(angles)
     return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
 
 
 def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
-    """Return the camera rotated by `angles` (2,), yaw and pitch [rad], as a shift of its principal point."""
+    """Return the camera rotated by small `angles` (2,), yaw and pitch [rad], as a shift of its principal point."""
     camera = view.camera
     return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
-    """The boxes of camera `c` from time steps (t_ns, boxes by camera), with the index of the time step of each box."""
+    """Return the boxes of camera `c`, each with the index of its time step.
+
+    `samples` are time [ns] and boxes (n, 4) by camera index of each time step.
+    """
     parts = [(step, boxes[c]) for step, (_, boxes) in enumerate(samples) if c in boxes]
     steps = np.concatenate(
         [np.full(len(boxes), step, dtype=np.int64) for step, boxes in parts] or [np.zeros(0, np.int64)]
@@ -563,9 +603,9 @@ def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Fl
 
 
 def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
-    """(W,) excess overlap in each of W = `count` intervals; `window` is the interval of each time step.
+    """Return the chance-corrected overlap (W,) in each of W = `count` intervals; NaN if too few people are expected.
 
-    NaN if too few people are expected.
+    `window` (T,) is the interval of each time step.
     """
     own = window[found.steps]
     out = np.full(count, np.nan)
@@ -576,8 +616,16 @@ def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
     return out
 
 
-def _worst_part(shares: Floats) -> tuple[int, int] | None:
-    """Longest run of two or more intervals with an agreement far below the usual, as (first, end).
+class _BadPart(NamedTuple):
+    """Intervals of time, from `first` to before `end`, in which the agreement of a camera is below `limit`."""
+
+    first: int
+    end: int
+    limit: float
+
+
+def _worst_part(shares: Floats) -> _BadPart | None:
+    """Longest run of two or more intervals with an agreement far below the usual.
 
     None if there is no such run, or if the usual agreement is too low for a comparison.
     """
@@ -585,31 +633,32 @@ def _worst_part(shares: Floats) -> tuple[int, int] | None:
     if len(known) < MIN_WINDOWS - 2:
         return None
     usual = float(np.quantile(known, 0.8))
-    bad = shares < BAD_SHARE * usual
+    limit = BAD_SHARE * usual
+    bad = shares < limit
     if usual < MIN_FIT or not bad.any():
         return None
-    runs: list[tuple[int, int]] = []
+    runs: list[_BadPart] = []
     begin = None
     for w, each in enumerate([*(bad | ~np.isfinite(shares)), False]):
         if each and begin is None:
             begin = w
         elif not each and begin is not None:
             if np.count_nonzero(bad[begin:w]) > 1:
-                runs.append((begin, w))
+                runs.append(_BadPart(begin, w, limit))
             begin = None
-    return max(runs, key=lambda run: run[1] - run[0]) if runs else None
+    return max(runs, key=lambda run: run.end - run.first) if runs else None
 
 
 def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
-    """The camera with the inverse extrinsics, as if R and T had been given in the other direction."""
+    """Return the camera with the inverse extrinsics, as if R and T had been given in the other direction."""
     own = view.camera
     return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
 
 
 def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
-    """Generate the box formats that may have been misread, and the boxes as they are if so.
+    """Generate the box formats that may have been misread: description, and the boxes (n, 4) re-read in that format.
 
-    Description, and the edges (n, 4) [px] of the boxes read in that format.
+    These are left, top, right, bottom [px].
     """
     boxes = view.boxes
     near, far = boxes[:, :2], boxes[:, 2:]
@@ -634,7 +683,7 @@ def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
 
 
 def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
-    """The camera with boxes as in images flipped along the `axes` (x, y) that are True."""
+    """Return the camera with boxes as in images flipped along those `axes` (x, y) that are True."""
     out, size = view.boxes.copy(), view.size
     for axis, flipped in enumerate(axes):
         if flipped:
@@ -643,9 +692,9 @@ def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
 
 
 def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
-    """(k, 2) offsets [px] of box centres from centres of expected boxes, for all pairs of one time step.
+    """Return offsets (k, 2) [px] of box centres from centres of expected boxes, for all pairs of one time step.
 
-    `expected` (m, 4) are expected boxes, `steps` (m,) their time steps.
+    `expected` (m, 4) are expected boxes, `steps` (m,) their time steps; pairs with NaN are omitted.
     """
     whom, box = paired_rows(steps, view.steps)
     middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]

@@ -29,7 +29,7 @@ MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
 
 
 class _Spread:
-    """Evenly spaced subset of one camera's frames: times and middles of the boxes."""
+    """Evenly spaced subset of one camera's frames: times [ns] and centres of the boxes [px]."""
 
     def __init__(self) -> None:
         """Start without frames."""
@@ -37,7 +37,7 @@ class _Spread:
         self._every, self._count = 1, 0
 
     def add(self, t_ns: int, middles: Floats) -> None:
-        """Add a frame with the middles of its boxes (n, 2) [px].
+        """Add a frame at `t_ns` with the centres of its boxes (n, 2) [px].
 
         At most twice `MAX_FRAMES` frames are kept, evenly spaced.
         """
@@ -50,10 +50,10 @@ class _Spread:
 
 
 class ClockOffsetSearch:
-    """Keeps tracks and boxes from the beginning of a recording, to search for clock offsets of cameras."""
+    """Keeps tracks and boxes from the beginning of a recording, and searches for clock offsets of cameras in them."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Start without people and boxes, for the cameras that frames refer to by index."""
+        """Start without people and boxes, for the cameras to which frames refer by index."""
         self._cameras = cameras
         self._t_ns: list[int] = []
         # This is most of what a run keeps for minutes, so it is kept small
@@ -62,7 +62,13 @@ class ClockOffsetSearch:
         self._frames = [_Spread() for _ in cameras]
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
-        """Keep the people and boxes of a time step; `by` (m, C): the camera has a box of the person."""
+        """Keep the people and boxes of a time step; nothing is kept after `MAX_STEPS` time steps.
+
+        Args:
+            snapshot: m tracks after the time step.
+            frames: camera frames of the time step.
+            by: (m, C) whether each camera has a box of each person.
+        """
         if len(self._t_ns) >= MAX_STEPS:
             return
         self._t_ns.append(snapshot.t_ns)
@@ -73,13 +79,13 @@ class ClockOffsetSearch:
                 self._frames[frame.camera].add(frame.t_ns, 0.5 * (frame.boxes[:, :2] + frame.boxes[:, 2:]))
 
     def late(self, camera: int, fewest: int) -> float:
-        """Delay [s] of a camera's boxes with respect to the people that the other cameras detect; negative: ahead.
+        """Return the delay [s] of a camera's boxes against the people that others detect; negative: ahead.
 
         NaN if no offset explains clearly more boxes than 0.
 
         Args:
             camera: index of the camera.
-            fewest: other cameras that must see a person who counts.
+            fewest: number of other cameras that must detect a person, for the person to count.
         """
         frames = self._frames[camera].kept
         if len(frames) < MIN_FRAMES or len(self._t_ns) < MIN_FRAMES:
@@ -112,7 +118,7 @@ class ClockOffsetSearch:
         return float(offsets[best]) * step / NS
 
     def _expected(self, camera: int, fewest: int) -> tuple[Floats, Floats]:
-        """People that at least `fewest` other cameras detect, projected into a camera, for M time steps.
+        """Return people that at least `fewest` other cameras detect, projected into a camera, for each of M time steps.
 
         Box centres (M, P, 2) [px] and box heights (M, P) [px], padded with NaN.
         """
@@ -132,7 +138,7 @@ class ClockOffsetSearch:
 
 
 def _padded(parts: Sequence[Floats]) -> Floats:
-    """Stack N arrays of K columns to (N, most rows, K), padded with NaN."""
+    """Stack N arrays (n, K) of different lengths to (N, largest n, K), padded with NaN."""
     out = np.full((len(parts), max((len(p) for p in parts), default=0), parts[0].shape[1]), np.nan)
     for row, part in enumerate(parts):
         out[row, : len(part)] = part
@@ -140,10 +146,15 @@ def _padded(parts: Sequence[Floats]) -> Floats:
 
 
 def _explained(boxes: Floats, people: Floats, heights: Floats) -> tuple[float, float]:
-    """Two shares of boxes (L, B, 2: centres) that match an expected box: centre (L, P, 2) and height (L, P) [px].
+    """Return two shares, 0 to 1, of boxes that match an expected box of their frame.
 
     The first counts boxes within `MATCH_DISTANCE_HEIGHTS` of the nearest expected one; the second weights each from 1
     at distance 0 to 0 at this limit.
+
+    Args:
+        boxes: (L, B, 2) centres of the boxes of L frames [px]; NaN: none.
+        people: (L, P, 2) centres of expected boxes [px]; NaN: none.
+        heights: (L, P) heights of expected boxes [px].
     """
     if not people.shape[1]:
         return 0.0, 0.0

@@ -73,18 +73,18 @@ STEP = 1e-3
 
 
 class CameraError(NamedTuple):
-    """An error of one camera, or of all of them.
+    """A calibration error of one camera, or of all of them.
 
     Attributes:
         cameras: indices of the cameras.
-        kind: first parameter: `YAW` for a rotation, `RADIAL`, `FOCAL`, `HEIGHT` or `LATE`.
-        values: (n, 1 or 2) what the calibration of each camera lacks: added to the angles of points in the ideal image
-            [rad], radial coefficient, share by which the stated focal length is too long, height in heights of people,
-            seconds by which what it shows is old.
-        since: number of the time step from which it holds; 0: always.
+        kind: index of its (first) parameter: `YAW` for a rotation, `RADIAL`, `FOCAL`, `HEIGHT` or `LATE`.
+        values: (n, 1 or 2) size for each camera: yaw and pitch to add to points in the normalised image [rad], radial
+            coefficient, share by which the stated focal length is too long, height above the stated one in heights of
+            people, delay of its frames [s].
+        since: index of the time step from which it holds; 0: always.
         log_ratio: logarithm of its evidence over that of usual errors alone.
-        until: number of the time step up to which it holds; 0: to the end.
-        rival: an error of another camera or kind, lasting as well, that explains nearly as much.
+        until: index of the time step up to which it holds; 0: to the end.
+        rival: another lasting error, of another camera or kind, that explains nearly as much; None: none.
     """
 
     cameras: tuple[int, ...]
@@ -105,15 +105,15 @@ class Evidence(NamedTuple):
     """Normal equations with a Gaussian prior of the parameters, and the evidence (marginal likelihood) of that model.
 
     Attributes:
-        normal: (T, K, K + 1) of each time step, of cameras as they are stated.
-        prior: (K, K) covariance of the parameters.
+        normal: (T, K, K + 1) rows (N, b) of each time step, about the calibration as stated.
+        prior: (K, K) prior covariance of the K parameters; their prior mean is 0.
     """
 
     normal: Floats
     prior: Floats
 
     def solved(self) -> tuple[Floats, Floats, float]:
-        """Posterior mean (K,) and covariance (K, K) of the parameters, and the log evidence."""
+        """Return the posterior mean (K,) and covariance (K, K) of the parameters, and the log evidence."""
         N, b = self.normal[..., :-1].sum(axis=0), self.normal[..., -1].sum(axis=0)
         inside = np.eye(len(b)) + N @ self.prior
         covariance = self.prior @ np.linalg.inv(inside)
@@ -122,16 +122,16 @@ class Evidence(NamedTuple):
 
 
 def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, every: int = 1) -> Floats:
-    """(T, K, K + 1) normal equations of the camera errors by time step, summed over all pairs of C cameras.
+    """Return normal equations (T, K, K + 1) of the camera errors by time step, summed over all pairs of C cameras.
 
-    K = C * `OWN` + `COMMON` parameters in units of `PRIOR`: `OWN` of each camera, and those of all boxes.
-    The last column is the right-hand side.
+    K = C * `OWN` + `COMMON` parameters in units of `PRIOR`: for each camera yaw, pitch, radial coefficient, focal
+    length, height and delay; then those of all boxes. The last column is the right-hand side.
 
     Args:
         views: cameras with their boxes.
-        t_ns: (T,) times of the steps.
-        person_height: height of people in the scene's unit.
-        every: step between the time steps with boxes that count.
+        t_ns: (T,) times of the time steps.
+        person_height: mean height of people in the scene's unit.
+        every: every `every`-th time step counts.
     """
     cameras = [_LocatingCamera(view, t_ns, person_height, every) for view in views]
     steps = len(t_ns)
@@ -154,14 +154,12 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
 def camera_errors(
     normal: Floats, people: float, matters: Callable[[CameraError], bool], least: float = MIN_LOG_RATIO
 ) -> list[CameraError]:
-    """Significant errors of cameras.
-
-    The one with the largest evidence is the first; the others remain significant given those before them.
+    """Return the significant errors of cameras: the one with the largest evidence first, others given those before.
 
     Args:
-        normal: (T, K, K + 1) of `fit_pairs`.
+        normal: (T, K, K + 1) normal equations from `fit_pairs`.
         people: number of people who are seen at once.
-        matters: whether an error is large enough to be stated.
+        matters: whether an error is large enough to be reported.
         least: logarithm of the ratio of evidences from which an error is significant.
     """
     K = normal.shape[1]
@@ -191,22 +189,26 @@ def camera_errors(
 
 
 def rotation(normal: Floats, camera: int) -> Floats:
-    """(2,) yaw and pitch [rad] to add to a camera's points in the normalised image, by least squares."""
+    """Return yaw and pitch (2,) [rad] to add to a camera's points in the normalised image, by least squares.
+
+    `normal` (T, K, K + 1) are normal equations from `fit_pairs`, `camera` is the index of the camera.
+    """
     x = Evidence(normal, np.eye(normal.shape[1])).solved()[0]
     own = _parameters([camera], YAW)[0]
     return np.asarray(x[own] * PRIOR[:RADIAL])
 
 
 def _log_ratio(error: CameraError) -> float:
+    """Return the logarithm of an error's evidence ratio, as a sort key."""
     return error.log_ratio
 
 
 def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
-    """Factor by which variances of sums over time exceed those of independent errors (autocorrelation).
+    """Return the factor by which variances of sums over time exceed those of independent errors (autocorrelation).
 
     Args:
-        normal: (T, K, K + 1) of each time step.
-        movement: that is estimated, too.
+        normal: (T, K, K + 1) normal equations of each time step.
+        movement: a rotation during the recording that is estimated, too; None: none.
     """
     T, K = normal.shape[:2]
     if movement is not None:
@@ -224,9 +226,9 @@ def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
 
 
 def _parameters(cameras: Sequence[int], kind: int) -> Ints:
-    """(n, 1 or 2) indices, in the parameter vector, of a kind of error of n cameras.
+    """Return the indices (n, 1 or 2), in the parameter vector, of a kind of error of n cameras.
 
-    2 for a rotation (yaw and pitch).
+    2 for `YAW`, a rotation (yaw and pitch).
     """
     own = [YAW, PITCH] if kind == YAW else [kind]
     numbers: Ints = np.array(cameras, dtype=np.int64)[:, None] * OWN + np.array(own, dtype=np.int64)
@@ -234,7 +236,10 @@ def _parameters(cameras: Sequence[int], kind: int) -> Ints:
 
 
 def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
-    """(K, K) prior covariance of a hypothesised error of `kind`, K = `count`; in several cameras it is equal."""
+    """Return the prior covariance (K, K), K = `count`, of a hypothesised error of `kind`.
+
+    The error is equal in all `cameras`.
+    """
     out = np.zeros((count, count))
     for k, own in enumerate(_parameters(cameras, kind).T):
         out[np.ix_(own, own)] = FAULT[kind + k] ** 2
@@ -242,11 +247,13 @@ def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
 
 
 def static_errors(now: Evidence, before: float, people: float) -> Iterator[CameraError]:
-    """Generate hypotheses of errors that last for the whole recording, with their evidence.
+    """Generate hypotheses of one error that lasts for the whole recording, with their evidence.
+
+    A hypothesis concerns one camera, or the lenses of all.
 
     Args:
-        now: normal equations.
-        before: log evidence without any error.
+        now: normal equations and prior of usual errors.
+        before: log evidence of usual errors alone.
         people: number of people who are seen at once.
     """
     K = now.normal.shape[1]
@@ -261,7 +268,7 @@ def static_errors(now: Evidence, before: float, people: float) -> Iterator[Camer
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:
-    """Generate, for each camera, the hypothesis of one rotation at the time with the largest evidence."""
+    """Generate, for each camera, the hypothesis of one rotation during the recording, at the most probable time."""
     T, K = now.normal.shape[:2]
     x, covariance, _ = now.solved()
     margin = max(EDGE_BATCHES * T // BATCHES, 1)
@@ -282,18 +289,18 @@ def movements(now: Evidence) -> Iterator[CameraError]:
 
 
 def lens_offset(view: BoxesOfCamera, coefficient: float) -> float:
-    """Offset [px] of a radial coefficient k at the radius within which 95 % of the boxes are.
+    """Return the offset [px] by a radial coefficient k at the radius within which 95 % of the boxes' edges are.
 
-    Points at the radius r of the ideal image are at r (1 + k r^2).
+    Points at the radius r of the normalised image are at r (1 + k r^2); k = `coefficient`.
     """
     radii = np.linalg.norm(ideal(view.camera, _edge_middles(view.boxes)), axis=1)
     return coefficient * float(np.nanquantile(radii, RADIUS_QUANTILE)) ** 3 * float(view.camera.focal_px.mean())
 
 
 def lens_matters(view: BoxesOfCamera, coefficient: float, *, shared: bool) -> bool:
-    """Return whether a radial error exceeds the errors of boxes and is small enough for a lens.
+    """Return whether a radial error exceeds the errors of boxes, and is small enough for a lens.
 
-    `coefficient` is that of `lens_offset`; `shared`: all cameras have the error, for which the limit is higher.
+    `coefficient` is k of r (1 + k r^2); `shared`: all cameras have the error, for which the limit is higher.
     """
     tall = float(np.median(view.boxes[:, 3] - view.boxes[:, 1]))
     least = MIN_SHARED_HEIGHTS if shared else MIN_OFFSET_HEIGHTS
@@ -303,7 +310,7 @@ def lens_matters(view: BoxesOfCamera, coefficient: float, *, shared: bool) -> bo
 def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:
     """Return the camera with boxes as they would be if images had the distortion that the calibration states.
 
-    `coefficient` is the radial error, as in `lens_offset`.
+    `coefficient` is k of the radial error r (1 + k r^2) in the normalised image.
     """
     camera = view.camera
     xy = ideal(camera, _edge_middles(view.boxes))
@@ -314,14 +321,18 @@ def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCame
 
 
 def _edge_middles(boxes: Floats) -> Floats:
-    """(4 n, 2) middles of the left, upper, right and lower edges of boxes (n, 4)."""
+    """Return (4 n, 2) midpoints of the left, upper, right and lower edges of boxes (n, 4): all left ones first."""
     u, v = 0.5 * (boxes[:, 0] + boxes[:, 2]), 0.5 * (boxes[:, 1] + boxes[:, 3])
     edges = ((boxes[:, 0], v), (u, boxes[:, 1]), (boxes[:, 2], v), (u, boxes[:, 3]))
     return np.concatenate([np.column_stack(edge) for edge in edges])
 
 
 class _LocatingCamera:
-    """A camera, feet and heads of people in its boxes (normalised image), and the positions of these people."""
+    """A camera with the people in its boxes, located by this camera alone; n boxes.
+
+    `ends` (2, n, 2) are feet and heads in the normalised image, `people` (n, 3) x, y and height with `covariances`
+    (n, 3, 3), `velocities` (n, 2) and `steps` (n,) the time steps; NaN: not located.
+    """
 
     def __init__(self, view: BoxesOfCamera, t_ns: Ints, person_height: float, every: int) -> None:
         """Select the boxes that locate a person, and compute positions and velocities of the people.
@@ -329,8 +340,8 @@ class _LocatingCamera:
         Args:
             view: camera with its boxes.
             t_ns: (T,) times of the time steps.
-            person_height: height of people in the scene's unit.
-            every: step between the time steps with boxes that count.
+            person_height: mean height of people in the scene's unit.
+            every: boxes of every `every`-th time step count; the others serve for velocities.
         """
         self.camera, self.height = view.camera, person_height
         people = located(view, person_height)
@@ -347,15 +358,19 @@ class _LocatingCamera:
         self.locate(np.zeros(len(PRIOR)), 1.0)
 
     def locate(self, values: Floats, prior: float) -> None:
-        """Locate the people, given parameters (8,) of the camera with `prior` times their prior standard deviations."""
+        """Locate the people under assumed errors of the camera; write `people` and `covariances`.
+
+        `values` (8,) are yaw, pitch, radial coefficient, focal length, height, delay, feet and looseness of boxes, with
+        the remaining standard deviation `prior` times `PRIOR`.
+        """
         self.people = self.located(self.ends, values)
         self.people[:, :2] += values[LATE] * self.velocities
         self.covariances = self.errors + prior**2 * self.by_prior
 
     def located(self, ends: Floats, values: Floats) -> Floats:
-        """(..., n, 3) x, y and height of people by feet and heads (2, ..., n, 2).
+        """Return (..., n, 3) x, y and height of people by feet and heads (2, ..., n, 2) in the normalised image.
 
-        `values`: (8,) or (..., 1, 8) parameters, of which the delay does not count.
+        `values` (8,) or (..., 1, 8) are assumed errors of the camera; the delay is not used.
         """
         feet, head = (
             xy * (1.0 + values[..., FOCAL] + values[..., RADIAL] * (xy**2).sum(axis=-1))[..., None]
@@ -369,13 +384,13 @@ class _LocatingCamera:
         return located_by_ends(self.camera, feet, head, beyond, raised)
 
     def seen(self, people: Floats) -> Floats:
-        """(2, n, 2) projection of the feet and heads of people (n, 3: x, y, height) to the normalised image."""
+        """Return the projection (2, n, 2) of feet and heads of people (n, 3: x, y, height) to the normalised image."""
         feet = people * [1.0, 1.0, 0.0]
         at = (np.stack([feet, people]) - self.camera.position) @ self.camera.rotation
         return np.asarray(at[..., :2] / at[..., 2:])
 
     def slopes(self, ends: Floats, velocities: Floats) -> Floats:
-        """(n, 3, 8) derivatives of x, y and height of people by the parameters, per prior standard deviation.
+        """Return derivatives (n, 3, 8) of x, y and height of people by the camera errors, per prior standard deviation.
 
         `ends` (2, n, 2) are feet and heads in the normalised image, `velocities` (n, 2) those of the people.
         """
@@ -386,7 +401,7 @@ class _LocatingCamera:
         return np.asarray(out * PRIOR)
 
     def covariance(self, ends: Floats) -> Floats:
-        """(n, 3, 3) covariances of x, y and height of people due to errors of box edges and posture.
+        """Return covariances (n, 3, 3) of x, y and height of people due to errors of box edges and posture.
 
         `ends` (2, n, 2) are feet and heads in the normalised image.
         """
@@ -402,17 +417,16 @@ class _LocatingCamera:
 
 
 def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_height: float) -> Floats:
-    """(n, 2) velocity of each person in a camera's boxes, by the straightest line through boxes before and after.
+    """Return the velocity (n, 2) of each person in a camera's boxes, by the straightest line of boxes around it.
+
+    0 for boxes without such a line.
 
     Args:
         people: (m, 2) positions.
         steps: (m,) time steps.
-        own: (m,) whether a position is of one of the camera's n boxes.
-        t_ns: (T,) times of the steps.
-        person_height: height of people in the scene's unit.
-
-    Returns:
-        0 of boxes without such a line.
+        own: (m,) whether a position is of one of the n boxes that count.
+        t_ns: (T,) times of the time steps.
+        person_height: mean height of people in the scene's unit.
     """
     T = len(t_ns)
     out = np.zeros((int(own.sum()), 2))
@@ -438,7 +452,7 @@ def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_heig
 
 
 def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> Floats:
-    """(T, most people, 2) positions by time step, T = `count`, padded with NaN; index 0 is time step -`first`.
+    """Return positions (T, most people, 2) by time step, T = `count`, padded with NaN; row 0 is time step -`first`.
 
     `people` (m, 2) are positions, `steps` (m,) their time steps.
     """
@@ -451,9 +465,16 @@ def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> F
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(T, K, K + 1) normal equations of a pair of cameras by time step, with K = 2 `OWN` + `COMMON`.
+    """Return normal equations (T, K, K + 1) of a pair of cameras by time step, with K = 2 `OWN` + `COMMON`.
 
-    `OWN` parameters of each camera, and those of all cameras; the last column is the right-hand side.
+    Parameters are those of a, of b, and of all boxes; the last column is the right-hand side. All 0 for fewer than
+    `MIN_PAIRS` pairs of boxes.
+
+    Args:
+        a: first camera, with the people that it locates.
+        b: second camera.
+        steps: T.
+        person_height: mean height of people in the scene's unit; limits the distance of a pair.
     """
     out = np.zeros((steps, 2 * OWN + COMMON, 2 * OWN + COMMON + 1))
     i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)
@@ -476,9 +497,9 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
 
 
 def _of_one_person(a: _LocatingCamera, b: _LocatingCamera, farthest: float) -> tuple[Ints, Ints]:
-    """Rows of two cameras that are the same person.
+    """Return row indices (i, j) of the people of two cameras that are the same person.
 
-    These are mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
+    These are mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest` [scene unit].
     """
     i, j = paired_rows(a.steps, b.steps)
     with np.errstate(invalid="ignore"):

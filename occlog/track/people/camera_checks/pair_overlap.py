@@ -7,7 +7,8 @@ tracked, so that cameras are comparable even if their tracks are wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class BoxesOfCamera(NamedTuple):
     Attributes:
         camera: camera, which has a pose.
         boxes: (n, 4) left, top, right, bottom [px].
-        steps: (n,) number of the time step of each.
+        steps: (n,) index of the time step of each box.
     """
 
     camera: Camera
@@ -48,7 +49,7 @@ class BoxesOfCamera(NamedTuple):
 
     @property
     def size(self) -> Floats:
-        """(2,) image size [px]; if unknown, the largest coordinates of the boxes."""
+        """(2,) width and height of the image [px]; if unknown, the largest coordinates of the boxes."""
         if self.camera.image_size is not None:
             return np.array(self.camera.image_size, dtype=np.float64)
         return np.asarray(self.boxes[:, 2:].max(axis=0, initial=1.0) + 1.0)
@@ -58,12 +59,12 @@ class BoxesOfCamera(NamedTuple):
         return BoxesOfCamera(self.camera, other.boxes, other.steps)
 
     def during(self, first: int, last: int) -> BoxesOfCamera:
-        """The boxes of the time steps first to last (inclusive)."""
+        """Return the camera with the boxes of the time steps first to last (inclusive) only."""
         own = (self.steps >= first) & (self.steps <= last)
         return BoxesOfCamera(self.camera, self.boxes[own], self.steps[own])
 
     def every(self, count: int) -> BoxesOfCamera:
-        """The boxes of every `count`-th time step."""
+        """Return the camera with the boxes of every `count`-th time step only."""
         if count == 1:
             return self
         own = self.steps % count == 0
@@ -71,12 +72,12 @@ class BoxesOfCamera(NamedTuple):
 
 
 class Overlap(NamedTuple):
-    """Overlaps (intersection over union) of boxes expected by projection with the boxes of the image.
+    """Overlaps (intersection over union) of n projected people with the boxes of the image they are projected into.
 
     Attributes:
         steps: (n,) time step of each person who is expected in an image.
         met: (n,) largest intersection over union with a box there.
-        chance: (n,) that with the boxes of another time.
+        chance: (n,) largest intersection over union with the boxes of another time.
     """
 
     steps: Ints
@@ -93,7 +94,7 @@ class Overlap(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """Chance-corrected share of overlapping people, like Cohen's kappa.
+        """Share of overlapping people beyond chance, like Cohen's kappa.
 
         1 if all overlap, 0 if as many as by chance.
         """
@@ -102,12 +103,15 @@ class Overlap(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean overlap minus the mean overlap by chance."""
+        """Mean overlap (intersection over union) minus the mean overlap by chance; NaN if no person is expected."""
         return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
 
 
 def clearly_larger(a: Overlap, b: Overlap) -> bool:
-    """Whether the mean overlap in `a` is larger than in `b`, by `MIN_SIGMAS` standard errors over intervals of time."""
+    """Return whether the mean overlap in `a` is clearly larger than in `b`.
+
+    By `MIN_GAIN`, and by `MIN_SIGMAS` standard errors over intervals of time.
+    """
     steps = 1 + max(int(each.steps.max(initial=0)) for each in (a, b))
     sums = []
     for each in (a, b):
@@ -123,9 +127,10 @@ def clearly_larger(a: Overlap, b: Overlap) -> bool:
 
 
 def located(view: BoxesOfCamera, person_height: float) -> Floats:
-    """(n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located.
+    """Return (n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located.
 
-    `person_height` is the mean height, in the scene's unit; heights far from it are not those of people.
+    Not located are boxes at the image border, too far away, or with a height unlike `person_height`, the mean height of
+    people [scene unit].
     """
     boxes, camera, size = view.boxes, view.camera, view.size
     out = np.full((len(boxes), 4), np.nan)
@@ -144,7 +149,7 @@ def located(view: BoxesOfCamera, person_height: float) -> Floats:
 
 
 def person_heights(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Floats:
-    """(C,) median height of people by the boxes (n, 4) of each camera, in the scene's unit; NaN: too few boxes.
+    """Return the median height (C,) of people by the boxes (n, 4) of each camera [scene unit]; NaN: too few boxes.
 
     The feet are at the middle of the lower edge, on the ground; the head is above them, in the row of the upper edge.
     """
@@ -157,7 +162,10 @@ def person_heights(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Floats
 
 
 def _heights(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of the k boxes with feet on the ground that neither the upper nor the lower border cuts."""
+    """Return heights (k,) of the k boxes with feet on the ground that neither the upper nor the lower border cuts.
+
+    `boxes` (n, 4) are left, top, right, bottom [px]; heights are in the scene's unit.
+    """
     left, top, right, bottom = boxes.T
     if camera.image_size is not None:
         whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
@@ -172,14 +180,17 @@ def _heights(boxes: Floats, camera: Camera) -> Floats:
 
 
 def ideal(camera: Camera, pixels: Floats) -> Floats:
-    """(n, 2) undistorted points in the normalised image of pixels (n, 2); NaN if not in front of the camera."""
+    """Return the undistorted points (n, 2) in the normalised image of pixels (n, 2).
+
+    NaN if not in front of the camera.
+    """
     rays = camera.rays(pixels) @ camera.rotation
     with np.errstate(all="ignore"):
         return np.asarray(np.where(rays[:, 2:] > 0.0, rays[:, :2] / rays[:, 2:], np.nan))
 
 
 def upright(camera: Camera, boxes: Floats) -> Floats:
-    """(2, n, 2) feet and heads, in the normalised image, of upright people that fill boxes (n, 4).
+    """Return feet and heads (2, n, 2), in the normalised image, of upright people that fill boxes (n, 4).
 
     The ends of a vertical line at the lower and upper edges, with their midpoint in the middle of the box; off the
     image centre the head is not directly above the feet.
@@ -200,7 +211,7 @@ def upright(camera: Camera, boxes: Floats) -> Floats:
 def located_by_ends(
     camera: Camera, feet: Floats, head: Floats, beyond: Floats | float, raised: Floats | float = 0.0
 ) -> Floats:
-    """(..., n, 3) x, y and height of people by feet and head (..., n, 2) in the normalised image.
+    """Return (..., n, 3) x, y and height of people by feet and head (..., n, 2) in the normalised image.
 
     NaN if the feet are not on the ground.
 
@@ -208,8 +219,8 @@ def located_by_ends(
         camera: camera, which has a pose.
         feet: lowest points of the people.
         head: highest points of the people.
-        beyond: distance of the axis of a body from its lowest point.
-        raised: height of the camera above that of its pose.
+        beyond: horizontal distance of the body's axis behind its lowest point [scene unit].
+        raised: height of the camera above that of its pose [scene unit].
     """
     z = camera.position[2] + raised
     with np.errstate(all="ignore"):
@@ -222,7 +233,9 @@ def located_by_ends(
 
 
 def projected_people(camera: Camera, people: Floats) -> Floats:
-    """(n, 4) boxes of upright people, projected from feet and head; NaN if behind the camera or upside down.
+    """Return boxes (n, 4) [px] of upright people, projected from feet and head.
+
+    NaN if behind the camera or upside down.
 
     Args:
         camera: camera, which has a pose.
@@ -241,112 +254,153 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
 
 
 def in_image(boxes: Floats, size: Floats) -> Bools:
-    """(n,) whether the middle of each box (n, 4) is in an image of this size (2,)."""
+    """Return a mask (n,): the centre of each of the `boxes` (n, 4) is in an image of `size` (2,) width, height [px]."""
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         return np.asarray(((middle > 0.0) & (middle < size)).all(axis=1))
 
 
-def overlap(
-    views: Sequence[BoxesOfCamera],
-    changed: Mapping[int, BoxesOfCamera],
-    steps: int,
-    person_height: float,
-    of: Sequence[int] | None = None,
-) -> Overlap:
-    """Overlaps of all pairs of cameras with at least one changed camera.
-
-    Args:
-        views: boxes of all cameras.
-        changed: changed cameras, by the number of the camera that each replaces.
-        steps: number of time steps.
-        person_height: height of people in the scene's unit.
-        of: cameras that are compared with the changed ones; None: all.
-    """
-    now = [changed.get(c, view) for c, view in enumerate(views)]
-    others = {*(range(len(views)) if of is None else of), *changed}
-    pairs = [(a, b) for a in sorted(others) for b in sorted(others) if a != b and {a, b} & set(changed)]
-    return merged(list(_of_pairs(now, pairs, steps, person_height).values()))
-
-
-def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
-    """Return the overlaps of each camera with all others, for `steps` time steps.
-
-    `person_height` is in the scene's unit.
-    """
-    pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
-    found = _of_pairs(views, pairs, steps, person_height)
-    return [merged([part for pair, part in found.items() if c in pair]) for c in range(len(views))]
-
-
 def merged(parts: Sequence[Overlap]) -> Overlap:
-    """Return several overlaps as one, in their order."""
+    """Return several overlaps concatenated to one, in their order."""
     nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
 
-def _of_pairs(
-    views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
-) -> dict[tuple[int, int], Overlap]:
-    """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
+class PairOverlaps:
+    """Overlaps of people located by one camera with the boxes of another, for cameras as given and as changed.
 
-    `pairs` are indices of `views`, `steps` is the number of time steps, `person_height` in the scene's unit.
+    What does not depend on a change is computed once.
     """
-    people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
-    padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
-    return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
+
+    def __init__(self, views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> None:
+        """Keep the boxes of all cameras, for `steps` time steps; `person_height` in the scene's unit."""
+        self._steps, self._height = steps, person_height
+        self._cameras = [_ComparedCamera(view, steps, person_height) for view in views]
+        self._projected: dict[tuple[int, int], tuple[Floats, Ints]] = {}
+
+    def overlap(
+        self, cameras: Iterable[int], changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None
+    ) -> Overlap:
+        """Overlaps of all pairs of cameras with at least one of some cameras.
+
+        Args:
+            cameras: indices of these cameras.
+            changed: changed ones of them, by the index of the camera that each replaces.
+            of: indices of the cameras that they are compared with; None: all.
+        """
+        others = sorted({*(range(len(self._cameras)) if of is None else of), *cameras})
+        pairs = [(a, b) for a in others for b in others if a != b and {a, b} & set(cameras)]
+        return merged(list(self._of_pairs(pairs, changed).values()))
+
+    def of_each(self) -> list[Overlap]:
+        """Overlaps of each camera with all others, in both directions."""
+        count = range(len(self._cameras))
+        found = self._of_pairs([(a, b) for a in count for b in count if a != b], {})
+        return [merged([part for pair, part in found.items() if c in pair]) for c in count]
+
+    def _of_pairs(
+        self, pairs: Sequence[tuple[int, int]], changed: Mapping[int, BoxesOfCamera]
+    ) -> dict[tuple[int, int], Overlap]:
+        """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
+
+        `changed`: changed cameras, by the index of the camera that each replaces.
+        """
+        now = dict(enumerate(self._cameras))
+        now.update({c: _ComparedCamera(view, self._steps, self._height) for c, view in changed.items()})
+        out: dict[tuple[int, int], Overlap] = {}
+        for a, b in pairs:
+            if a in changed or now[b].view.camera is not self._cameras[b].view.camera:
+                boxes, when = now[a].projected(now[b].view.camera)
+            else:
+                if (a, b) not in self._projected:
+                    self._projected[a, b] = now[a].projected(now[b].view.camera)
+                boxes, when = self._projected[a, b]
+            out[a, b] = now[b].overlap(boxes, when)
+        return out
 
 
-def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
-    """Overlaps of people located by the camera `source` with the boxes of `target`, if projected into its image.
+class _ComparedCamera:
+    """A camera with its boxes by time step, and the people whom it locates."""
 
-    `there`: (T, most boxes, 4) boxes of `target` by time step. The overlap by chance is that with boxes half the
-    recording later.
-    """
-    known = np.flatnonzero(np.isfinite(people).all(axis=1))
-    boxes = projected_people(target.camera, people[known])
-    seen = in_image(boxes, target.size)
-    boxes, when = boxes[seen], source.steps[known[seen]]
-    # A target without any box at a time may have no frame of it
-    frames = np.asarray(np.isfinite(there[..., 0]).any(axis=1))
-    # Boxes by chance: those of half the time later, at steps that have any
-    filled = np.flatnonzero(frames)
-    at = np.searchsorted(filled, when)
-    other = filled[(at + len(filled) // 2) % max(len(filled), 1)] if len(filled) else when
-    compared = frames[when]
-    boxes, when, other = boxes[compared], when[compared], other[compared]
-    return Overlap(when, _largest(boxes, there[when]), _largest(boxes, there[other]))
+    def __init__(self, view: BoxesOfCamera, steps: int, person_height: float) -> None:
+        """Keep a camera, for `steps` time steps; `person_height` in the scene's unit."""
+        self.view, self._steps, self._height = view, steps, person_height
+
+    @cached_property
+    def _people(self) -> Floats:
+        """(n, 4) x, y, height and width of the person in each box; NaN if not located."""
+        return located(self.view, self._height)
+
+    @cached_property
+    def _by_step(self) -> Floats:
+        """(5, T, most boxes) edges and areas of the boxes by time step, as of `_by_step`."""
+        return _by_step(self.view, self._steps)
+
+    def projected(self, camera: Camera) -> tuple[Floats, Ints]:
+        """(n, 4) boxes expected in the image of another camera, of the people located here; (n,) their time steps."""
+        known = np.flatnonzero(np.isfinite(self._people).all(axis=1))
+        return projected_people(camera, self._people[known]), self.view.steps[known]
+
+    def overlap(self, boxes: Floats, when: Ints) -> Overlap:
+        """Overlaps of expected boxes (n, 4) that are in the image, of the time steps `when` (n,), with the boxes here.
+
+        The overlap by chance is that with boxes half the recording later.
+        """
+        seen = in_image(boxes, self.view.size)
+        boxes, when = boxes[seen], when[seen]
+        # A camera without any box at a time may have no frame of it
+        frames = np.bincount(self.view.steps, minlength=self._steps) > 0
+        # Boxes by chance: those of half the time later, at steps that have any
+        filled = np.flatnonzero(frames)
+        at = np.searchsorted(filled, when)
+        other = filled[(at + len(filled) // 2) % max(len(filled), 1)] if len(filled) else when
+        compared = frames[when]
+        boxes, when, other = boxes[compared], when[compared], other[compared]
+        return Overlap(when, _largest(boxes, self._by_step[:, when]), _largest(boxes, self._by_step[:, other]))
 
 
 def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
-    """(T, most boxes, 4) boxes of a camera by time step, T = `steps`, padded with NaN."""
+    """(5, T, most boxes) left, top, right, bottom and area of a camera's boxes by time step, T = `steps`.
+
+    Time steps with fewer boxes are padded with boxes of no size at (0, 0).
+    """
     counts = np.bincount(view.steps, minlength=steps)
-    out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
+    out = np.zeros((5, steps, max(int(counts.max(initial=0)), 1)))
     order = np.argsort(view.steps, kind="stable")
     when = view.steps[order]
     first = np.cumsum(counts) - counts
-    out[when, np.arange(len(order)) - first[when]] = view.boxes[order]
+    own = view.boxes[order].T
+    out[:, when, np.arange(len(order)) - first[when]] = *own, _areas(*own)
     return out
 
 
-def _largest(boxes: Floats, others: Floats) -> Floats:
-    """(n,) largest intersection over union of each box (n, 4) with the boxes (n, m, 4) of its time step.
+def _areas(left: Floats, top: Floats, right: Floats, bottom: Floats) -> Floats:
+    """Areas of boxes, of any shape; 0 where an edge is beyond the opposite one."""
+    return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
 
-    0 without overlap.
+
+def _largest(boxes: Floats, others: Floats) -> Floats:
+    """(n,) largest intersection over union of each box (n, 4) with the m boxes of its time step; 0 without overlap.
+
+    `others`: (5, n, m) edges and areas as of `_by_step`.
     """
     if not len(boxes):
         return np.zeros(0)
-    low, high = np.maximum(boxes[:, None, :2], others[..., :2]), np.minimum(boxes[:, None, 2:], others[..., 2:])
-    common = np.clip(high - low, 0.0, None).prod(axis=-1)
-    area = np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=-1)[:, None]
-    areas = np.clip(others[..., 2:] - others[..., :2], 0.0, None).prod(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = common / (area + areas - common)
-    return np.asarray(np.nan_to_num(share, nan=0.0).max(axis=1))
+    left, top, right, bottom = boxes.T[..., None]
+    near, far = (
+        (np.maximum(left, others[0]), np.maximum(top, others[1])),
+        (np.minimum(right, others[2]), np.minimum(bottom, others[3])),
+    )
+    common = _areas(*near, *far)
+    union = _areas(left, top, right, bottom) + others[4] - common
+    return np.asarray((common / np.where(union > 0.0, union, 1.0)).max(axis=1))
 
 
 def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Indices (i, j), each (k,), of all pairs of rows with equal time steps, of `first` (n,) and `second` (m,)."""
+    """Return indices (i, j), each (k,), of all pairs of rows with equal time steps.
+
+    `first` (n,) and `second` (m,) are the time steps of two sets of rows; i is of the first, j of the second.
+    """
     order = np.argsort(second, kind="stable")
     when = second[order]
     low, high = np.searchsorted(when, first, "left"), np.searchsorted(when, first, "right")

@@ -336,7 +336,6 @@ def part_of(frames: MatchedFrames, first: int, stop: int) -> MatchedFrames:
     )
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(
     ("step", "ends_known", "switch"),
     [(1, True, 0.2), (2, False, 0.6), (7, True, 0.6), (7, False, 0.2), (59, True, 0.6)],

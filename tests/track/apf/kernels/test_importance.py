@@ -124,7 +124,6 @@ def test_a_place_behind_a_camera_or_at_a_sensor_has_no_variance():
     assert linearise(60.0, 30.1, rows[0])[3] > 0.0
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("p0", [1e-2, 1.0, 30.0])
 @pytest.mark.parametrize("focal", [70.0, 600.0])
 @pytest.mark.parametrize("seed", range(3))
@@ -135,11 +134,11 @@ def test_an_approximation_is_that_of_the_plain_form(seed, focal, p0):
     rows[1] = (rows[1][0], rows[1][1] + 30.0 * (seed % 2))
     config = ApfConfig(false_alarm_probability=1e-3, detection_probability=0.9)
     _, detections_of_step, packed = looks_of(scene, rows, config)
-    mean = rng.multivariate_normal(PLACE, p0 * np.eye(2), 200)
+    mean = rng.multivariate_normal(PLACE, p0 * np.eye(2), 12)
     near = approximate(detections_of_step, packed, mean, p0)
     plain = ref.laplace(
         mean,
-        np.full(200, p0),
+        np.full(12, p0),
         values_of(rows),
         np.full(8, 2.0),
         reference_scene(scene),
@@ -147,7 +146,7 @@ def test_an_approximation_is_that_of_the_plain_form(seed, focal, p0):
     )
     # At the limits of what counts as believed or settled rounding decides
     same = np.abs(near.mode - plain.mode).max(axis=1) < 1e-6 * np.sqrt(p0)
-    assert same.mean() > 0.98
+    assert same.sum() > 10
     np.testing.assert_allclose(covariances(near.root)[same], plain.covariance[same], rtol=1e-5, atol=1e-9 * p0)
     np.testing.assert_allclose(near.log_volume[same], plain.log_volume[same], atol=1e-4)
     np.testing.assert_allclose(near.log_factors[same], plain.log_factors[same], atol=1e-4)
@@ -273,29 +272,21 @@ def test_without_measurements_the_posterior_is_the_prior():
     np.testing.assert_allclose([near.log_volume[0], near.log_factors[0]], 0.0, atol=1e-12)
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("defensive", [0.0, 0.05, 0.5, 1.0])
-def test_the_ratio_of_a_drawn_place_is_that_of_the_densities(defensive):
-    n, rng = 4000, np.random.default_rng(3)
-    m0, p0, mode, root = np.array([1.0, 2.0]), 4.0, np.array([2.0, 1.5]), np.array([0.3, 0.2, 0.5])
-    tiled = [np.tile(value, (n, 1)) for value in (m0, mode, root)]
+def test_positions_are_drawn_from_either_part_and_their_ratio_is_that_of_the_densities(defensive):
+    n, rng = 50, np.random.default_rng(3)
+    m0, p0, mode = rng.normal(size=(n, 2)), rng.uniform(0.5, 4.0, n), rng.normal(size=(n, 2))
+    root = np.column_stack([rng.uniform(0.2, 1.0, n), rng.normal(size=n), rng.uniform(0.2, 1.0, n)])
     u, noise = rng.random(n), rng.standard_normal((n, 2))
-    xy, ratio = importance.draw(tiled[0], np.full(n, p0), tiled[1], tiled[2], defensive, u, noise)
-    P = covariances(root[None])[0]
-    prior = multivariate_normal(m0, p0 * np.eye(2))
-    q = (1 - defensive) * multivariate_normal(mode, P).pdf(xy) + defensive * prior.pdf(xy)
-    np.testing.assert_allclose(ratio, prior.logpdf(xy) - np.log(q), atol=1e-9)
-    # The share of defensive draws, and the times of either part
-    blunt = u < defensive
-    assert blunt.mean() == pytest.approx(defensive, abs=4 * 0.5 / np.sqrt(n))
-    for rows, mean, covariance in ((blunt, m0, p0 * np.eye(2)), (~blunt, mode, P)):
-        if rows.sum() > 100:
-            error = 5 * np.sqrt(np.diag(covariance) / rows.sum())
-            np.testing.assert_allclose(xy[rows].mean(axis=0), mean, atol=error.max())
-            np.testing.assert_allclose(np.cov(xy[rows].T), covariance, atol=6 * covariance.max() / np.sqrt(rows.sum()))
-    # The mean of prior over importance density is 1, the prior's whole (heavy tails without a defensive share)
-    if defensive >= 0.05:
-        assert np.exp(ratio).mean() == pytest.approx(1.0, abs=5 * np.exp(ratio).std() / np.sqrt(n))
+    u[0] = defensive
+    xy, ratio = importance.draw(m0, p0, mode, root, defensive, u, noise)
+    for i, (a, b, c) in enumerate(root):
+        near = mode[i] + np.array([[a, b], [0.0, c]]) @ noise[i]
+        np.testing.assert_allclose(xy[i], m0[i] + np.sqrt(p0[i]) * noise[i] if u[i] < defensive else near)
+        prior = multivariate_normal(m0[i], p0[i] * np.eye(2))
+        q = (1 - defensive) * multivariate_normal(mode[i], covariances(root[[i]])[0]).pdf(xy[i])
+        q += defensive * prior.pdf(xy[i])
+        assert ratio[i] == pytest.approx(prior.logpdf(xy[i]) - np.log(q), abs=1e-9)
 
 
 def test_late_signals_share_the_factor_of_a_distance_with_false_ones():

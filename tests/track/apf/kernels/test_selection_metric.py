@@ -20,7 +20,6 @@ from occlog.track.methods.apf.kernels.selection_metric import (
 )
 from occlog.track.methods.apf.model import pack_noise, pack_sensors, read_noise
 
-pytestmark = pytest.mark.jit
 SCENE = room100()
 SENSORS, NOISE, READ = pack_sensors(SCENE), pack_noise(SCENE), read_noise(SCENE)
 ALL = tuple(range(8))

@@ -7,7 +7,13 @@ from ellipse_reference import pixels_inside
 from occlog.core.geometry import fundamental
 from occlog.core.image import N_BINS, support_radius
 from occlog.track.methods.images.kernels.appearance import WIDTH, colour_similarity, colours_in
-from occlog.track.methods.images.kernels.collaboration import Interaction, neighbours, repel_into
+from occlog.track.methods.images.kernels.collaboration import (
+    AT_REST,
+    Interaction,
+    add_inertia,
+    neighbours,
+    repel_into,
+)
 from occlog.track.methods.images.kernels.epipolar_lines import (
     APART,
     TOGETHER,
@@ -67,6 +73,14 @@ def test_weights_without_any_likelihood_are_equal():
     weights, mean = weights_and_means(particles, np.full((1, 4), -np.inf))
     np.testing.assert_allclose(weights, 0.25)
     np.testing.assert_allclose(mean[0, :4], particles[0, :, :4].mean(axis=0))
+
+
+@pytest.mark.parametrize("level", [-1000.0, 0.0, 1000.0])
+def test_weights_do_not_depend_on_the_level_of_their_logarithms(level):
+    rng = np.random.default_rng(11)
+    particles, log_weights = ellipses(rng, 2, 5), rng.standard_normal((2, 5))
+    weights, _ = weights_and_means(particles, log_weights + level)
+    np.testing.assert_allclose(weights, np.exp(log_weights) / np.exp(log_weights).sum(axis=1, keepdims=True))
 
 
 def test_spreads_are_those_of_weighted_samples():
@@ -194,25 +208,44 @@ def test_neighbours_are_within_a_view():
     np.testing.assert_allclose(near.ratio, [0.9, 0.9, 1.2, np.inf])
 
 
+def test_inertia_by_the_printed_formula():
+    rng, previous, before = np.random.default_rng(12), np.array([50.0, 40.0]), np.array([3.0, -1.5])
+    particles, log_w = ellipses(rng, 20), rng.standard_normal(20)
+    steps = rng.normal(0.0, 4.0, (20, 2))
+    steps[:3] = [0.3, 0.1], -before, before
+    particles[:, :2] = previous + steps
+    for reference in (before, 0.1 * before):
+        got, usual = log_w.copy(), np.hypot(*reference)
+        add_inertia(got, particles, previous, reference, MODEL)
+        for p, step in enumerate(steps):
+            speed = np.hypot(*step)
+            turn = np.arccos(np.clip(step @ reference / (speed * usual), -1.0, 1.0))
+            turn = turn if min(speed, usual) > AT_REST else 0.0
+            gain = 5.0 * np.exp(-((turn / 0.6) ** 2)) * np.exp(-(((speed - usual) / 2.0) ** 2))
+            assert got[p] == pytest.approx(log_w[p] + np.log(1.0 + gain))
+
+
 def test_particles_on_lines():
-    rng, f, n = np.random.default_rng(9), rig(9), 3000
-    pair = ellipses(rng, 2)
-    particles = np.repeat(pair[:, None], n, axis=1)
-    affine = np.stack([np.array([[1.1, 0.2, -3.0], [-0.1, 0.9, 4.0]]), SAME])
-    args = affine, np.array([0, 1]), np.array([[-1, 1], [0, -1]]), f, False
-    out = drawn_on_lines(particles, pair, *args, np.array([n, 0]), 15.0, 0.5, rng.standard_normal((2, n, 2)))
-    np.testing.assert_array_equal(out[1], particles[1])
+    """Each at the distances from the lines and along them that its numbers state, of the targets' points."""
+    rng, n = np.random.default_rng(9), 12
+    f, trio = rng.normal(size=(3, 3, 3, 3)), ellipses(rng, 3)
+    particles = np.repeat(trio[:, None], n, axis=1) + rng.normal(0.0, 2.0, (3, n, 5)) * [1.0, 1.0, 0.0, 0.0, 0.0]
+    affine = np.stack([np.array([[1.1, 0.2, -3.0], [-0.1, 0.9, 4.0]]), SAME, SAME])
+    counterpart, normals = np.array([[-1, 1, 2], [0, -1, -1], [-1, -1, -1]]), rng.standard_normal((3, n, 2))
+    args = affine, np.arange(3), counterpart, f, False
+    out = drawn_on_lines(particles, trio, *args, np.array([n - 2, 0, n]), 15.0, 0.5, normals)
+    # The last has no counterpart
+    np.testing.assert_array_equal(out[1:], particles[1:])
+    np.testing.assert_array_equal(out[0, n - 2 :], particles[0, n - 2 :])
     np.testing.assert_array_equal(out[0, :, 2:], particles[0, :, 2:])
-    line = np.array(line_of(f[1, 0], *pair[1, :2]))
-    x = out[0, :, :2] @ affine[0, :, :2].T + affine[0, :, 2]
-    d, beside = x @ line[:2] + line[2], x @ [-line[1], line[0]]
-    sigma = 0.5 * reach_across(pair[0], line[0], line[1])
-    middle = np.array(anchor(pair[0], affine[0], False)) @ [-line[1], line[0]]
-    bar = 5 / np.sqrt(n)
-    assert abs(d.mean()) < bar * sigma
-    assert d.std() == pytest.approx(sigma, rel=bar)
-    assert abs(beside.mean() - middle) < bar * 15.0
-    assert beside.std() == pytest.approx(15.0, rel=bar)
+    lines = np.array([line_of(f[k, 0], *anchor(trio[k], affine[k], False)) for k in (1, 2)])
+    middle = np.array(anchor(trio[0], affine[0], False))
+    for p in range(n - 2):
+        line = lines[p % 2]
+        x, along = affine[0, :, :2] @ out[0, p, :2] + affine[0, :, 2], np.array([-line[1], line[0]])
+        sigma = 0.5 * reach_across(trio[0], line[0], line[1])
+        assert x @ line[:2] + line[2] == pytest.approx(sigma * normals[0, p, 1])
+        assert (x - middle) @ along == pytest.approx(15.0 * normals[0, p, 0])
 
 
 def test_halves_of_an_ellipse():

@@ -84,6 +84,15 @@ def test_patches_are_turned_and_read_linearly():
     assert warp_patches(image, e[None], points)[0] == pytest.approx(want, abs=1e-9)
 
 
+def test_a_patch_over_the_border_reads_the_images_edge_again():
+    image, points = np.random.default_rng(7).integers(0, 256, (30, 40, 3)).astype(np.uint8), disc_points(8)
+    e = np.array([[39.2, 14.8, 9.0, 5.0, 0.7], [0.4, 29.0, 9.0, 5.0, -0.3], [20.0, -1.5, 9.0, 5.0, 1.2]])
+    wide = np.pad(image, ((20, 20), (20, 20), (0, 0)), mode="edge")
+    assert warp_patches(image, e, points) == pytest.approx(
+        warp_patches(wide, e + 20.0 * np.eye(5)[:2].sum(axis=0), points), abs=1e-9
+    )
+
+
 def test_brightness_and_contrast_do_not_count():
     image = np.random.default_rng(6).integers(0, 100, (30, 40)).astype(np.uint8)
     e = np.array([[20.0, 15.0, 9.0, 6.0, 0.3], [38.0, 2.0, 9.0, 6.0, 0.3]])

@@ -16,6 +16,8 @@ from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_mat
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
 from occlog.filtering.particles import effective_sample_size, normalise_log_weights
 from occlog.track.methods.in_space.kernels.likelihood import (
+    UNIFORM,
+    UNIFORM_AZIMUTH,
     ReportProbabilities,
     ScanDirectionSet,
     log_cone,
@@ -119,6 +121,11 @@ def test_cone_is_gaussian_in_the_angle_from_the_sight_line(pose: int) -> None:
     expected = -0.5 * angle**2 / variance - math.log(2 * math.pi * variance) + 0.5 * math.log(spread2)
     got = log_cone(points, sights(theta, phi, POSES[pose]), 1.0)[0]
     np.testing.assert_allclose(got, expected, rtol=1e-7)
+
+
+def test_densities_of_false_reports_are_even_over_all_angles() -> None:
+    assert UNIFORM * 2.0 * math.pi * math.pi == pytest.approx(1.0)
+    assert UNIFORM_AZIMUTH * 2.0 * math.pi == pytest.approx(1.0)
 
 
 def test_an_azimuth_alone_says_nothing_of_the_height() -> None:

@@ -9,10 +9,12 @@ import pytest
 from jipda_reference import outline_of
 
 from occlog.array_types import Floats
+from occlog.core.geometry.lens import distort
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import (
     MIN_DEPTH_HEIGHTS,
     box_and_slope,
+    distorted,
     expected_box,
     pack_views,
     project,
@@ -24,7 +26,7 @@ LENSES = {
     "tsai": (np.array([0.06, 0.0, 0.0, 0.0, 0.0]), "tsai"),
     "fisheye": (np.array([-0.02, 0.03, -0.02, 0.004, 0.0]), "equidistant"),
     "opencv": (
-        np.array([0.5, -0.3, 0.001, -0.002, 0.02, 0.75, -0.35, 0.01, 0.01, -0.002, -0.008, 0.003, 0.04, -0.03]),
+        np.array([0.5, -0.3, 0.001, -0.002, 0.02, 0.75, -0.35, 0.015, 0.01, -0.002, -0.008, 0.003, 0.04, -0.03]),
         "opencv",
     ),
 }
@@ -72,6 +74,23 @@ def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
     expected_box(pack_views([view]).lens[0], 1.0, 1.0, 1.7, 0.5, box)
     # The points of contact of the distorted outline are others by little
     np.testing.assert_allclose(box, sampled(view, 1.0, 1.0, 1.7, 0.5), atol=0.5)
+
+
+@pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye", "opencv"])
+def test_a_point_is_distorted_as_by_the_scenes_lens_and_in_a_straight_line_beyond_its_limit(lens: str) -> None:
+    packed, (coefficients, model) = pack_views([camera(lens)]).lens[0], LENSES[lens]
+    limit = min(packed[22], 5.0)
+    packed[22] = limit
+    for turn in np.linspace(0.0, 2.0 * np.pi, 7):
+        ray = np.array([np.cos(turn), np.sin(turn)])
+        edge = distort(limit * ray[None], coefficients, model)[0]
+        for radius in (0.2, 0.5, 0.999 * limit):
+            wanted = distort(radius * ray[None], coefficients, model)[0]
+            np.testing.assert_allclose(distorted(packed, *(radius * ray)), wanted, atol=1e-7)
+        np.testing.assert_allclose(distorted(packed, *(1.5 * limit * ray)), edge + 0.5 * limit * ray, atol=1e-7)
+    np.testing.assert_allclose(
+        distorted(packed, 0.0, 0.0), distort(np.zeros((1, 2)), coefficients, model)[0], atol=1e-12
+    )
 
 
 def test_a_lens_does_not_turn_back_outside_the_image() -> None:
@@ -126,6 +145,18 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
     assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0
+    # Half a step of the difference quotients before it has a box and no slope
+    for x, depth in ((nearest + 1e-3, nearest + 1e-3), (nearest + 1e-4, -1.0), (nearest - 1e-4, -1.0)):
+        state = np.array([x, 0.0, 0.0, 0.0, 1.7, 0.5])
+        assert box_and_slope(views.lens[0], state, 0.0, box, np.empty((4, 6))) == pytest.approx(depth)
+
+
+def test_a_body_as_near_as_the_limit_has_a_box() -> None:
+    """Numbers without rounding: a height of 5 m, of which the twentieth part is 0.25 m, and a half width of 0.25 m."""
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
+    lens, box = pack_views([camera]).lens[0], np.empty(4)
+    assert expected_box(lens, 0.5, 0.0, 5.0, 0.5, box) == 0.5
+    assert expected_box(lens, np.nextafter(0.5, 0.0), 0.0, 5.0, 0.5, box) == -1.0
 
 
 @pytest.mark.parametrize("lens", ["ideal", "brown"])

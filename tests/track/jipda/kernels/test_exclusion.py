@@ -1,9 +1,11 @@
-"""Where two people may be: against weighted samples, and what must not change."""
+"""Where two people may be: against a measurement of their distance, and what must not change."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
 
 from occlog.array_types import Floats
 from occlog.track.methods.jipda.kernels.exclusion import apply_exclusion
@@ -30,24 +32,45 @@ def one_of(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_moments_are_those_of_weighted_samples(seed: int) -> None:
+def test_moments_are_those_of_the_difference_of_two_gaussians(seed: int) -> None:
+    """exp(-d^2 / 2 s^2) is a measurement of the zero vector d, with the covariance s^2 I, in the joint state."""
     rng = np.random.default_rng(seed)
     mean, covariance, spread = rng.normal(0.0, 0.3, 6), normal(rng, 6), normal(rng, 2)
     position, existence = mean[:2] + rng.normal(0.0, 0.2, 2), rng.uniform(0.3, 1.0)
-    N = 100_000
-    states = rng.multivariate_normal(mean, covariance, N)
-    apart = states[:, :2] - rng.multivariate_normal(position, spread, N)
-    left = 1.0 - existence * np.exp(-0.5 * (apart**2).sum(axis=1) / S**2)
     got, got_covariance, share = one_of(mean, covariance, position, spread, existence)
-    # The error of a weighted mean over N samples, from the samples
-    assert abs(share - left.mean()) < 5.0 * left.std() / np.sqrt(N)
-    wanted = left @ states / left.sum()
-    off = (states - wanted) * left[:, None] / left.mean()
-    assert (abs(got - wanted) < 5.0 * off.std(axis=0) / np.sqrt(N)).all()
-    each = (states - wanted)[:, :, None] * (states - wanted)[:, None, :]
-    wanted_covariance = np.einsum("n,nij->ij", left, each) / left.sum()
-    off = (each - wanted_covariance) * left[:, None, None] / left.mean()
-    assert (abs(got_covariance - wanted_covariance) < 5.0 * off.std(axis=0) / np.sqrt(N)).all()
+    m, P = np.concatenate([mean, position]), block_diag(covariance, spread)
+    H = np.zeros((2, 8))
+    H[:, :2], H[:, 6:] = np.eye(2), -np.eye(2)
+    innovation = H @ P @ H.T + S**2 * np.eye(2)
+    gain = P @ H.T @ np.linalg.inv(innovation)
+    near, near_covariance = m - gain @ H @ m, P - gain @ H @ P
+    Z = existence * 2.0 * np.pi * S**2 * multivariate_normal.pdf(H @ m, np.zeros(2), innovation)
+    wanted = (m - Z * near) / (1.0 - Z)
+    second = (P + np.outer(m, m) - Z * (near_covariance + np.outer(near, near))) / (1.0 - Z)
+    assert share == pytest.approx(1.0 - Z)
+    np.testing.assert_allclose(got, wanted[:6], rtol=1e-9)
+    np.testing.assert_allclose(got_covariance, (second - np.outer(wanted, wanted))[:6, :6], rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize(("distance", "changed"), [(0.99, True), (1.01, False)])
+def test_pairs_farther_apart_than_four_deviations_of_their_difference_are_left_out(
+    distance: float, changed: bool
+) -> None:
+    # Traces of both covariances and s^2; existence 1 and a wide spread across leave a share at this distance
+    covariance, spread = np.diag([0.01, 0.3, 0.1, 0.1, 0.01, 0.01]), np.diag([0.02, 0.4])
+    away = distance * 4.0 * np.sqrt(0.01 + 0.3 + 0.02 + 0.4 + S**2)
+    share = one_of(np.zeros(6), covariance, np.array([0.0, away]), spread, 1.0)[2]
+    assert (share < 1.0) == changed
+
+
+def test_the_third_person_counts_as_the_others_do() -> None:
+    covariance = np.tile(0.01 * np.eye(6), (3, 1, 1, 1))
+    means, weight = np.zeros((3, 1, 6)), np.ones((3, 1))
+    means[1, 0, :2], means[2, 0, :2] = 9.0, 0.1
+    position, spread = means[:, 0, :2].copy(), covariance[:, 0, :2, :2].copy()
+    apply_exclusion(means, covariance, weight, position, spread, np.full(3, 0.9), S)
+    assert weight[0, 0] == pytest.approx(weight[2, 0])
+    assert weight[0, 0] < weight[1, 0] == 1.0
 
 
 def test_no_one_there_and_no_one_near_change_nothing() -> None:

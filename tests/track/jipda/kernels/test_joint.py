@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_frames import plain
 from scipy.stats import multivariate_normal
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import box_and_slope, pack_views
 from occlog.track.methods.jipda.kernels.detections import (
     DetectorModel,
     PackedDetections,
+    add_axis_precision,
     add_precision,
+    biased,
     edge_noise,
     interpolate,
     log_clutter,
     log_density,
 )
 from occlog.track.methods.jipda.kernels.joint_association import JipdaResult, update_targets
+from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
@@ -114,6 +118,39 @@ def test_noise_that_goes_on_from_look_to_look_counts_less() -> None:
     assert (np.diag(unsure.covariance[0])[:2] > 1.5 * np.diag(sure.covariance[0])[:2]).all()
 
 
+def test_a_box_is_associated_below_the_gate_of_all_edges_and_of_each() -> None:
+    box, R, off = expected()[0], np.diag([4.0, 9.0, 4.0, 9.0]), np.array([6.0, -4.0, 5.0, 3.0])
+    every, zero, one = np.ones(4, dtype=bool), np.zeros((4, 4)), np.ones(1)
+
+    def ratio(z: Floats, use: Bools, gate: float) -> float:
+        made = boxes(z)._replace(usable=use[None])
+        found = plain(association_likelihood_ratios)(
+            box[None], R[None], zero[None], 0.0 * one, one, made, 0, 1, rates(), 1280.0, 720.0, np.zeros((1, 1)), gate
+        )
+        return float(found.ratio[0, 0])
+
+    distance = log_density(box + off - box, np.empty((4, 4)), every, R, zero)[1]
+    assert ratio(box + off, every, distance) == 0.0
+    assert ratio(box + off, every, np.nextafter(distance, np.inf)) > 0.0
+    # Two edges beyond twice the gate, of which an unused one does not count
+    wide = np.array([0.0, 3.0 * 6.4, 2.0 * 6.4, 0.0])
+    assert ratio(box + wide, every, 1000.0) > 0.0
+    for use in (every, every & (np.arange(4) != 1)):
+        assert ratio(box + wide, use, 20.0) == 0.0
+    alone = np.array([0.0, 0.0, 2.0 * 6.0, 0.0])
+    assert ratio(box + alone, every, 36.1) > 0.0
+
+
+@pytest.mark.parametrize(("detection", "some"), [(0.9e-4, False), (1e-4, True)])
+def test_people_who_are_hardly_detected_are_not_associated(detection: float, some: bool) -> None:
+    z = expected()[0]
+    found = plain(association_likelihood_ratios)(
+        z[None], 9.0 * np.eye(4)[None], np.zeros((1, 4, 4)), np.zeros(1), np.full(1, detection), boxes(z), 0, 1,
+        rates(), 1280.0, 720.0, np.zeros((1, 1)), 30.0,
+    )  # fmt: skip
+    assert found.ratio.any() == some
+
+
 PAIR = MEAN + np.array([[0.0], [1.0]]) * [[0.6, 0.2, 0.0, 0.0, 0.0, 0.0]]
 """Two people who touch in the image."""
 
@@ -174,10 +211,48 @@ def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
     assert not W[~keep].any()
 
 
+def test_a_detectors_bias_is_in_heights_and_in_shares_of_the_size() -> None:
+    box = np.empty(4)
+    biased(np.array([100.0, 50.0, 160.0, 250.0]), np.array([0.01, 0.1, -0.02, 0.05]), box)
+    np.testing.assert_allclose(box, [132.0 - 33.0, 146.0 - 105.0, 132.0 + 33.0, 146.0 + 105.0])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_precision_of_an_axis_is_weighted_by_what_is_observed_of_it(axis: int) -> None:
+    R, at = np.empty((4, 4)), [axis, axis + 2]
+    edge_noise(np.array([100.0, 50.0, 160.0, 250.0]), rates(), 1.0, R)
+    for low, high, wanted in (
+        (True, True, 0.7 * np.linalg.inv(R[np.ix_(at, at)])),
+        (True, False, np.diag([0.3 / R[axis, axis], 0.0])),
+        (False, True, np.diag([0.0, 0.5 / R[axis, axis]])),
+        (False, False, np.zeros((2, 2))),
+    ):
+        W = np.ones((4, 4))
+        add_axis_precision(R, axis, low, high, 0.3, 0.5, 0.7, W)
+        np.testing.assert_allclose(W[np.ix_(at, at)], 1.0 + wanted, rtol=1e-12)
+        assert W.sum() == pytest.approx(16.0 + wanted.sum())
+
+
+@pytest.mark.parametrize("common", [0.0, 0.05])
+def test_all_frames_may_miss_a_person_at_once(common: float) -> None:
+    """A miss by all is a likelihood ratio of `common`; else that of the frame, here 1 - 0.9 of a missed detection."""
+    known = rates()._replace(common_miss=common)
+    result = after(boxes(), existence=0.8, known=known)
+    frame, every = (1.0 - common) * 0.1, common
+    assert result.missed[0] == pytest.approx(every / (frame + every), rel=1e-12)
+    assert result.existence[0] == pytest.approx(0.8 * (frame + every) / (0.8 * (frame + every) + 0.2))
+
+
 def test_the_density_of_no_person_counts_the_edges_in_use() -> None:
     box, every = np.array([10.0, 20.0, 60.0, 120.0]), np.ones(4, dtype=bool)
     size = np.log(20.0)
     assert log_clutter(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
+    assert log_clutter(box, ~every, 640.0, 480.0) == 0.0
+    across = np.array([True, False, True, False])
+    assert log_clutter(box, across, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 50.0 * size))
+    assert log_clutter(box, ~across, 640.0, 480.0) == pytest.approx(-np.log(480.0 * 100.0 * size))
+    narrow = np.array([10.0, 20.0, 10.5, 21.5])
+    assert log_clutter(narrow, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 1.0 * 1.5 * size**2))
     assert log_clutter(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(
         -np.log(640.0 * 480.0 * 50.0 * size)
     )

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from jipda_reference import belief_propagation
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.kernels.marginals import box_messages
@@ -33,7 +34,16 @@ def test_people_touch_whose_boxes_overlap_or_nearly_do() -> None:
     above[1, [1, 3]] = 171.0, 260.0
     assert len(overlapping_pairs(above, depth, across, there)) == 0
     assert len(overlapping_pairs(BOX, np.array([1.0, -1.0, 1.0]), across, there)) == 0
-    assert len(overlapping_pairs(BOX, depth, across, np.array([1.0, 0.19, 1.0]))) == 0
+    assert len(overlapping_pairs(BOX, np.array([-1.0, 1.0, 1.0]), across, there)) == 0
+    for existence, count in ((0.19, 0), (0.2, 1)):
+        assert len(overlapping_pairs(BOX, depth, across, np.array([1.0, existence, 1.0]))) == count
+        assert len(overlapping_pairs(BOX, depth, across, np.array([existence, 1.0, 1.0]))) == count
+    # One that begins where the other ends, and the deviations of both middles
+    above[1, 1] = 170.0
+    assert len(overlapping_pairs(above, depth, across, there)) == 1
+    for deviation, count in ((0.49, 0), (0.51, 1)):
+        apart[1, [0, 2]] = 149.0, 189.0
+        assert len(overlapping_pairs(apart, depth, 10.0 * deviation * np.array([0.6, 0.8, 0.0]), there)) == count
 
 
 def test_the_edges_of_an_outline_are_those_of_whoever_is_farther_out() -> None:
@@ -100,6 +110,22 @@ def test_marginals_of_several_pairs_are_near_the_exact_sum(seed: int) -> None:
     found, exact = beliefs(weight, pair, joint), enumerated(weight, pair, joint)
     assert np.abs(found[0] - exact[0]).max() < 0.15
     assert np.abs(found[1] - exact[1]).max() < 0.15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_messages_are_those_of_belief_propagation_on_all_hypotheses(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    weight, joint = rng.uniform(0.1, 1.5, (4, 3)), rng.uniform(0.1, 1.5, (3, 3))
+    weight[rng.random(weight.shape) < 0.3], joint[rng.random(joint.shape) < 0.3] = 0.0, 0.0
+    pair = np.array([[0, 1], [0, 2], [1, 3]])
+    members = [(i, 4 + j) for i, j in np.ndindex(4, 3)] + [(*pair[k], 4 + j) for k, j in np.ndindex(3, 3)]
+    x = belief_propagation(np.append(weight, joint), members, 7)
+    nu = pair_messages(weight, pair, joint)
+    np.testing.assert_allclose(weight * nu.single, [[x[3 * i + j, i] for j in range(3)] for i in range(4)], atol=1e-4)
+    for k, j in np.ndindex(3, 3):
+        for s in range(2):
+            got = joint[k, j] * nu.partner[k, 1 - s, j] * nu.pair[k, j]
+            assert got == pytest.approx(x[12 + 3 * k + j, pair[k, s]], abs=1e-4)
 
 
 def test_without_pairs_messages_are_those_of_one_person_a_box() -> None:

@@ -111,6 +111,28 @@ def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(
     assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
 
 
+def test_the_line_of_sight_of_a_pixel_meets_a_plane_in_the_point_that_projects_to_it() -> None:
+    camera, rng, found = cameras_around(4, 10.0, 8.0)[2], np.random.default_rng(0), np.empty(2)
+    views = VIEWS._replace(focal=VIEWS.focal * [1.0, 1.1], principal=VIEWS.principal + np.array([5.0, -9.0]))
+    for x, y, z in rng.uniform([2.0, 2.0, 0.0], [8.0, 6.0, 1.0], (5, 3)):
+        q = camera.rotation.T @ (np.array([x, y, z]) - camera.position)
+        u, v = views.focal[2] * q[:2] / q[2] + views.principal[2]
+        assert ground_plane_point(views, 2, u, v, z, found)
+        np.testing.assert_allclose(found, [x, y])
+
+
+def test_a_line_of_sight_along_the_plane_meets_it_nowhere() -> None:
+    level, place = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.full(2, np.nan)
+    views = VIEWS._replace(rotation=np.tile(level, (4, 1, 1)))
+    horizon = views.principal[0, 1]
+    assert not ground_plane_point(views, 0, 0.0, horizon, 0.0, place)
+    assert not ground_plane_point(views, 0, 0.0, horizon - 1.0, 0.0, place)
+    # From a camera in the plane no point of it is before the camera
+    assert not ground_plane_point(views, 0, 0.0, horizon + 1.0, views.position[0, 2], place)
+    assert np.isnan(place).all()
+    assert ground_plane_point(views, 0, 0.0, horizon + 1.0, 0.0, place)
+
+
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
     place = np.empty(2)
     assert ground_plane_point(VIEWS, 0, 640.0, 700.0, 0.0, place)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera, camera_rotation
@@ -12,9 +13,13 @@ from occlog.track.methods.jipda.kernels.visibility import (
     COLUMNS,
     ROWS,
     cells_unoccluded_by,
+    centre_deviation,
+    in_view,
     inside_image,
     normal_cdf,
     occlude_by_static,
+    visibility,
+    visible_feet,
 )
 
 BOXES = np.array([[100.0, 100.0, 160.0, 280.0], [130.0, 120.0, 200.0, 330.0]])
@@ -71,11 +76,51 @@ def test_the_share_inside_the_image_counts_cells() -> None:
     assert inside_image(np.array([700.0, 10.0, 750.0, 100.0]), 640.0, 480.0, cells) == 0.0
 
 
+def test_a_cell_is_in_the_image_if_its_middle_is_on_a_pixel() -> None:
+    """Pixels reach from -0.5 to the size - 0.5; cells of a box that is as wide as 5 and as high as 6."""
+    cells = np.empty((ROWS, COLUMNS))
+    for shift in ((0.0, 0.0), (-2.0, 3.0), (637.0, 476.0), (-1.0, -1.0), (636.0, 475.0)):
+        box = np.array([-1.0, -1.0, 4.0, 5.0]) + np.tile(shift, 2)
+        u, v = shift[0] - 0.5 + np.arange(COLUMNS), shift[1] - 0.5 + np.arange(ROWS)
+        wanted = np.outer((v >= -0.5) & (v <= 479.5), (u >= -0.5) & (u <= 639.5))
+        assert inside_image(box, 640.0, 480.0, cells) == wanted.mean()
+        np.testing.assert_array_equal(cells, wanted)
+
+
+def test_a_person_is_in_view_up_to_the_range() -> None:
+    camera = Camera("a", np.array([1.0, 2.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (640, 480))
+    views, cells = pack_views([camera])._replace(range=np.array([5.0])), np.empty((ROWS, COLUMNS))
+    inside, outside = np.array([10.0, 10.0, 50.0, 90.0]), np.array([700.0, 10.0, 750.0, 100.0])
+    assert in_view(views, 0, 4.0, 6.0, inside, cells)
+    assert in_view(views, 0, -2.0, -2.0, inside, cells)
+    assert not in_view(views, 0, 4.0, 6.0 + 1e-9, inside, cells)
+    assert not in_view(views, 0, 4.0, 6.0, outside, cells)
+
+
+def test_visibility_is_the_mean_of_cells_that_border_occluders_and_people_leave() -> None:
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (150, 400))
+    state, cells = np.array([4.0, 0.2, 0.0, 0.0, 1.8, 0.6]), np.empty((ROWS, COLUMNS))
+    args = BOXES, np.array([10.0, 8.0]), np.array([5.0, 12.0]), np.array([0.3, 0.4]), np.array([1.0, 0.6])
+    got = visibility(pack_views([camera], [(PILLAR, 2.0)]), 0, state, 0, *args, cells)
+    border = np.where(100.0 + 60.0 * (np.arange(COLUMNS) + 0.5) / COLUMNS <= 149.5, 1.0, 0.0)
+    np.testing.assert_allclose(cells, border * behind((4.0, 0.2), 2.0) * clear(0.6))
+    assert got == pytest.approx(cells.mean())
+    assert visible_feet(cells) == pytest.approx(cells[-1].mean())
+
+
+def test_the_deviation_of_a_centre_is_that_of_the_mean_of_left_and_right() -> None:
+    half = np.random.default_rng(0).normal(size=(4, 4))
+    spread, mean = half @ half.T, np.array([0.5, 0.0, 0.5, 0.0])
+    assert centre_deviation(spread) == pytest.approx(np.sqrt(mean @ spread @ mean))
+    assert centre_deviation(-np.eye(4) * 1e-20) == 0.0
+
+
 def test_the_distribution_function_is_the_normal_one() -> None:
     assert normal_cdf(0.0) == pytest.approx(0.5)
     assert normal_cdf(1.0) == pytest.approx(0.841344746, abs=1e-9)
-    assert normal_cdf(-7.0) == 0.0
-    assert normal_cdf(7.0) == 1.0
+    for z, low, high in ((6.01, 0.0, 1.0), (5.99, norm.cdf(-5.99), norm.cdf(5.99))):
+        assert normal_cdf(-z) == pytest.approx(low, rel=1e-6)
+        assert normal_cdf(z) == pytest.approx(high, abs=1e-17)
 
 
 PILLAR = np.array([[1.8, -0.35], [2.2, -0.3], [2.25, 0.2], [1.85, 0.25]])
@@ -102,6 +147,49 @@ def test_a_static_occluder_hides_what_points_on_the_sight_lines_meet(position: t
             rise = 2.5 + along[:, 0] * (1.8 * (1.0 - (row + 0.5) / ROWS) - 2.5)
             met = (inside & (rise < top)).any()
             assert cells[row, column] == (0.0 if met else 1.0)
+
+
+@pytest.mark.parametrize(("chance", "hidden"), [(0.9e-3, False), (1.1e-3, True)])
+def test_who_is_nearer_or_across_with_less_than_a_thousandth_hides_nothing(chance: float, hidden: bool) -> None:
+    cells, depth = np.ones((ROWS, COLUMNS)), np.array([10.0, 5.0])
+    cells_unoccluded_by(
+        0, BOXES[[0, 0]], depth, np.full(2, 1e-6), np.full(2, 0.1), np.array([1.0, chance]), cells
+    )  # fmt: skip
+    assert (cells < 1.0).any() == hidden
+    # The right edge of the other is left of the middle of the first column by as many deviations
+    cells, boxes = np.ones((ROWS, COLUMNS)), BOXES[[0, 0]] + [[0.0] * 4, [-54.0 + 5.0 * norm.ppf(chance), 0.0] * 2]
+    cells_unoccluded_by(0, boxes, depth, np.array([3.0, 4.0]), np.full(2, 0.1), np.ones(2), cells)
+    assert (cells < 1.0).any() == hidden
+
+
+def test_who_ends_at_the_middle_of_a_row_does_not_hide_it() -> None:
+    """Rows of a box of 60 px have their middles at 5, 15, .. 55 px."""
+    boxes = np.array([[0.0, 0.0, 50.0, 60.0], [-9.0, 15.0, 99.0, 35.0]])
+    cells = np.ones((ROWS, COLUMNS))
+    cells_unoccluded_by(0, boxes, np.array([10.0, 5.0]), np.full(2, 1e-6), np.full(2, 0.1), np.ones(2), cells)
+    np.testing.assert_allclose(cells[:, 0], [1.0, 1.0, 0.0, 1.0, 1.0, 1.0], atol=1e-9)
+
+
+def test_a_static_occluder_hides_what_stands_in_it_and_ends_where_it_is_lower_than_the_line_of_sight() -> None:
+    """At (3, 0) the middle column's lines of sight fall from 2.5 m; a wall of 0.2 m, from 1 m to 2 m away."""
+    wall = np.array([[1.0, -1.0], [2.0, -1.0], [2.0, 1.0], [1.0, 1.0]])
+    heights = 1.8 * (1.0 - (np.arange(ROWS) + 0.5) / ROWS)
+    lowest = 2.5 + (heights - 2.5) * 2.0 / 3.0
+    for row in range(ROWS):
+        for top, seen in ((lowest[row] - 1e-6, 1.0), (lowest[row] + 1e-6, 0.0)):
+            assert behind((3.0, 0.0), top, wall)[row, 2] == seen
+    # Who stands in it is hidden up to its top
+    np.testing.assert_array_equal(behind((1.5, 0.0), 1.0, wall)[:, 2], heights > 1.0)
+
+
+def test_each_static_occluder_hides_with_its_own_corners_and_height() -> None:
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
+    others = [(PILLAR - [0.0, -0.5], 1.2), (PILLAR[:3], 2.0), (PILLAR - [0.0, 0.4], 1.0)]
+    cells = np.ones((ROWS, COLUMNS))
+    occlude_by_static(pack_views([camera], others), 0, 4.0, 0.3, 1.8, 0.6, cells)
+    alone = [behind((4.0, 0.3), top, polygon) for polygon, top in others]
+    np.testing.assert_array_equal(cells, np.prod(alone, axis=0))
+    assert len({one.tobytes() for one in (*alone, cells)}) == 4
 
 
 def test_an_occluder_around_the_camera_hides_nothing() -> None:

@@ -2,9 +2,9 @@
 
     P              (3, 4), (n, 3, 4) or (3, 4, n): projection matrices; or one (3, 4) array a camera, under its name
     K, R, t        (3, 3) each, (n, 3, 3) or (3, 3, n); t (3,), (n, 3) or (3, n), with Xc = R Xw + t
-    dist           (5,), (n, 5): OpenCV's 4, 5, 8, 12 or 14 coefficients; perhaps
-    fisheye        1 for a fisheye lens, 0 for none, one for all or (n,); perhaps
-    image_size     width and height [px], one for all or (n, 2); perhaps
+    dist           (5,), (n, 5): OpenCV's 4, 5, 8, 12 or 14 coefficients; optional
+    fisheye        1 for a fisheye lens, 0 for none, one for all or (n,); optional
+    image_size     width and height [px], one for all or (n, 2); optional
 
 A file with one camera gives it its own name; cameras of a stack are cam1, cam2, ...
 
@@ -62,14 +62,14 @@ class _Element(NamedTuple):
 
 
 def read_matlab(content: bytes, limit: int) -> dict[str, Floats | None]:
-    """Parse a MATLAB file to arrays by name; None for texts, structures and complex numbers.
+    """Parse a MATLAB file (versions 4 to 7) to arrays by name; None for texts, structures and complex numbers.
 
     Args:
-        content: of the file.
-        limit: bytes to which it may unpack.
+        content: bytes of the file.
+        limit: maximum decompressed size [bytes].
 
     Raises:
-        ValueError, struct.error, zlib.error: it is damaged, or unpacks to more.
+        ValueError, struct.error, zlib.error: it is damaged, or decompresses to more.
     """
     if 0 in content[:4]:
         return dict(_old(content))
@@ -134,7 +134,10 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
 
 
 def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
-    """Generate name and values of the arrays in `content`, a MATLAB version 4 file; None: not real numbers."""
+    """Yield name and values of the arrays in a MATLAB version 4 file; None for texts and complex numbers.
+
+    ValueError if the bytes are damaged.
+    """
     at = 0
     while at < len(content):
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"
@@ -157,7 +160,7 @@ def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
 
 
 def _shaped(values: NDArray[np.generic], shape: list[int]) -> Floats:
-    """Reshape numbers in column-major order as floats; ValueError for a wrong number."""
+    """Reshape numbers in column-major order to floats; ValueError if their number does not fit the shape."""
     if min(shape, default=-1) < 0:
         raise ValueError(f"an array of {shape}")
     return np.asarray(values, dtype=np.float64).reshape(shape, order="F")
@@ -184,17 +187,20 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def is_arrays(probe: Probe) -> bool:
-    """Whether a file has a suffix of array files."""
+    """Whether a file has the suffix of an array file of NumPy or MATLAB."""
     return probe.path.suffix.lower() in SUFFIXES
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of all files of arrays (NumPy, MATLAB)."""
+    """Read the cameras in files of arrays (NumPy `.npz`, MATLAB `.mat`).
+
+    They are named by their arrays, by the file if it has one camera, or cam1, cam2, ...
+    """
     return tuple(camera for path in paths for camera in _cameras(path, options))
 
 
 def _load(path: Path) -> dict[str, Floats]:
-    """Arrays of numbers in a file, by name; InputError if it cannot be read."""
+    """Arrays of numbers in a file, by name; InputError if it cannot be read, is too large, or has other values."""
     check_input(path, "a file of arrays")
     if path.stat().st_size > MAX_BYTES:
         raise InputError(
@@ -224,9 +230,9 @@ def _load(path: Path) -> dict[str, Floats]:
 
 
 def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None]:
-    """Arrays by name as returned by the libraries, of which exceptions are passed on; None: not real numbers.
+    """Arrays by name, as NumPy or the MATLAB parser returns them; None: not real numbers.
 
-    `content` are the bytes of the file.
+    `content` are the bytes of the file. Exceptions of the libraries are not converted.
     """
     if path.suffix.lower() == ".mat":
         return read_matlab(content, MAX_BYTES)
@@ -240,10 +246,7 @@ def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None
 
 
 def _check_unpacked(path: Path, content: bytes) -> None:
-    """InputError for compressed arrays that would decompress to more than a calibration can need.
-
-    `content` are the bytes of the file.
-    """
+    """InputError if a compressed file (`.npz`) with the bytes `content` would decompress to more than `MAX_BYTES`."""
     size = 0
     if zipfile.is_zipfile(BytesIO(content)):
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -286,9 +289,15 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, rows, columns) matrices of one shape, cameras first, of an array `value` of one or several.
+    """Matrices (n, rows, columns), cameras first, from an array of one matrix or several.
 
-    InputError for another shape, or if the camera axis is ambiguous.
+    Args:
+        value: array of the file.
+        shape: rows and columns of a matrix.
+        path: file, for messages.
+
+    Raises:
+        InputError: the shape does not fit, or it is ambiguous which axis counts the cameras.
     """
     if value.ndim == 2 and value.shape == shape:
         return value[None]
@@ -308,11 +317,11 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """Rearrange an array of a file so that the first axis is that of the cameras.
+    """Rearrange an array of a file so that the first axis counts the cameras.
 
     Args:
         value: the array.
-        key: what it is: P, K, R, t, size, fisheye, ...
+        key: what it is: P, K, R, t, dist, size or fisheye.
         n: number of cameras.
         path: file, for messages.
 
@@ -346,7 +355,7 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
 
 
 def _model(part: Mapping[str, Floats]) -> str | None:
-    """Lens model of a camera, by its value `fisheye`; None if not stated."""
+    """Lens model by the array `fisheye` of a camera: `equidistant`, `brown`, or None if it is not stated."""
     return None if "fisheye" not in part else "equidistant" if part["fisheye"].any() else "brown"
 
 

@@ -53,7 +53,7 @@ SAME_SHARE, SAME_RAD = 0.01, np.radians(0.5)
 
 
 def folder_files(path: Path) -> list[Path] | None:
-    """The two text files of a model in a folder; None without a model.
+    """Paths of `cameras.txt` and `images.txt` of a COLMAP model in a folder; None without a model.
 
     Raises:
         InputError: the model is binary.
@@ -67,14 +67,22 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Whether a text is one of the two files."""
+    """Whether a text is one of the two files of COLMAP's text model."""
     return any(f" {model} " in text for model in MODELS) or "QW, QX, QY, QZ" in text
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the images of a COLMAP model as cameras.
+    """Read the images of a COLMAP text model as cameras, named by their folders or files.
 
-    InputError without both files; UsageError if the options do not state the unit of lengths.
+    Images of one camera count once.
+
+    Args:
+        paths: `cameras.txt` and `images.txt`.
+        options: must state the unit of lengths.
+
+    Raises:
+        InputError: a file is missing, damaged, or has images of a moving camera.
+        UsageError: the unit of lengths is not stated.
     """
     files = {path.name: path for path in paths}
     if set(NAMES) - files.keys():
@@ -122,7 +130,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _each_once(cameras: Sequence[Camera], path: Path, options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Reduce several images of a static camera to one camera: that of the first image.
+    """One camera for each name, from the first of its images; a note is added to `options` if images were merged.
 
     Raises:
         InputError: images of one camera have different poses.
@@ -180,9 +188,11 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Text of the three files of a model, by name, with an image for each camera; positions in metres.
+    """Texts of the three files of a COLMAP model, by name, with an image for each camera.
 
-    `late_s` (delays of clocks) cannot be stored.
+    Args:
+        cameras: with positions in metres.
+        late_s: clock offsets by camera [s], which the format cannot hold; ignored.
     """
     lenses = ["# Camera list with one line of data per camera: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; the line below each has its points"]

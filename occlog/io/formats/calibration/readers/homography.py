@@ -28,7 +28,14 @@ CLEARER = 3.0
 
 
 class GroundPose(NamedTuple):
-    """Focal length [px], camera-from-world rotation (3, 3), centre (3,) and residual of a homography."""
+    """Pose and focal length of a camera from a homography of the ground.
+
+    Attributes:
+        focal: focal length [px].
+        rotation: (3, 3) camera-from-world.
+        centre: (3,) camera centre in the unit of the ground.
+        misfit: relative residual of the two equations for the focal length.
+    """
 
     focal: float
     rotation: Floats
@@ -37,7 +44,7 @@ class GroundPose(NamedTuple):
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a 3 x 3 matrix."""
+    """Whether a text is a 3 x 3 matrix."""
     try:
         return matrix_of(text).shape == (3, 3)
     except ValueError:
@@ -45,7 +52,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file with a homography, named after the file without `_H` and the like."""
+    """Read one camera per file with a homography of the ground, named after the file without `_H` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -84,13 +91,13 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[GroundPose, bool]:
-    """Pose of a homography of either direction, and whether it maps the ground to the image.
+    """Pose of a camera from a homography of either direction, and whether it maps the ground to the image.
 
     Args:
         matrix: (3, 3), up to scale.
         middle: (2,) the principal point [px].
-        where: for messages.
-        axes: (3, 3) diagonal, the signs of the axes of the ground in the world.
+        where: file and camera, for messages.
+        axes: (3, 3) diagonal signs of the axes of the ground in a right-handed world.
 
     Raises:
         InputError: neither direction fits a camera above the ground, or both do.
@@ -128,7 +135,9 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
 
 
 def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
-    """Focal length and pose of a homography from the ground to the image; None if no focal length fits.
+    """Focal length and pose of a camera from a homography from the ground to the image (Zhang 2000).
+
+    Pixels are square and there is no distortion. None if no real focal length fits.
 
     Args:
         matrix: (3, 3), up to scale.
@@ -158,9 +167,10 @@ def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
 
 
 def _depth(plain: Floats) -> float:
-    """Depth of the ground on the ray 45 degrees below the optical axis; its sign distinguishes front from back.
+    """Depth of the ground point on the ray 45 degrees below the optical axis; negative behind the camera.
 
-    `plain` (3, 3) is the homography from the ground to normalised coordinates.
+    Only its sign is meant; 0 if the point is at infinity, where there is none. `plain` (3, 3) is the homography from
+    the ground to normalised image coordinates.
     """
     ground = np.linalg.solve(plain, np.array([0.0, 1.0, 1.0]))
     return float(plain[2] @ ground / ground[2]) if ground[2] else 0.0

@@ -43,12 +43,16 @@ _CAMERA = re.compile(r"^cam\d+$")
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a camera chain of Kalibr."""
+    """Whether a text is a camera chain of Kalibr (camchain.yaml)."""
     return "camera_model:" in text and re.search(r"^cam\d+:", text, re.MULTILINE) is not None
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of one Kalibr chain, named cam0, cam1, ...; InputError for a second chain."""
+    """Read the cameras of one Kalibr chain, named cam0, cam1, ...
+
+    Raises:
+        InputError: there is a second file, or a camera has no pose or a model that cannot be used.
+    """
     if len(paths) > 1:
         raise InputError(
             f"{paths[1]}: a second camera chain; the relative poses of the two are unknown", id="ambiguous-input"
@@ -62,7 +66,10 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> None:
-    """Note clock offsets between cameras: `timeshift_cam_imu` is added to the times of images."""
+    """Add a finding to `options` if cameras have different time shifts (`timeshift_cam_imu`).
+
+    It has the command line options that state them. `cameras` are the mappings of the file by name of the camera.
+    """
     shifts = {
         name: float(numbers(t.get("timeshift_cam_imu", 0.0), f"{name}: timeshift_cam_imu"))
         for name, t in cameras.items()
@@ -76,9 +83,12 @@ def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: Calibrati
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
-    """Return the camera-from-world transforms (4, 4) of a Kalibr camera chain, by name; the options note which world.
+    """Camera-from-world transforms (4, 4) of the cameras of a Kalibr chain, by name.
 
-    InputError if a camera has none.
+    The world is the frame of cam0, or of the IMU if there is no chain; a note in `options` states it.
+
+    Raises:
+        InputError: a camera has no pose, or numbers of cameras are missing.
     """
     names = sorted(cameras, key=lambda name: int(name[3:]))
     if names != [f"cam{n}" for n in range(len(names))]:
@@ -157,10 +167,11 @@ def _camera(
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:
-    """Text of a chain by file name, with the world as the IMU frame; positions in metres.
+    """Text of `camchain.yaml`, by file name, with the world as the frame of the IMU.
 
-    `timeshift_cam_imu` is added to the times of images: minus the offset of the clock, which `late_s` has by camera
-    [s].
+    Args:
+        cameras: with positions in metres.
+        late_s: clock offset of cameras by name [s]; its negative is written as `timeshift_cam_imu`.
     """
     chain, names = {}, []
     for n, camera in enumerate(cameras):

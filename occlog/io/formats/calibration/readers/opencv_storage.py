@@ -60,7 +60,7 @@ DIGITS = 9
 
 
 def detect(text: str) -> bool:
-    """Whether a text is an OpenCV FileStorage with a camera matrix."""
+    """Whether a text is an OpenCV FileStorage (YAML, XML or JSON) with a matrix."""
     head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
     return head and re.search("opencv-(?!python)", text) is not None  # the package is named in results of occlog
 
@@ -91,9 +91,14 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def lens_of(values: dict[str, object], where: str) -> Lens:
-    """Lens of a calibration; InputError for an unknown model, or two contradictory ones.
+    """Lens of a calibration by the values of its file.
 
-    `values` are those of a file by name.
+    Args:
+        values: by name in lower case.
+        where: file and camera, for messages.
+
+    Raises:
+        InputError: the lens model is unknown, or is stated twice in different ways.
     """
     stated: set[str] = set()
     for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
@@ -115,7 +120,9 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
 def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) -> list[str]:
     """Keys of a file that are not used.
 
-    `parts` are the alternative names of each quantity, of which the first that is present is used.
+    Args:
+        values: of the file, by key.
+        parts: alternative names of each quantity, of which the first that is present is used.
     """
     used = {next((name for name in names if name in values), "") for names in parts}
     size = next((pair for pair in SIZE if all(key in values for key in pair)), None)
@@ -124,7 +131,10 @@ def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) 
 
 
 def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
-    """Rotation (3, 3) and translation (3,) with Xc = R Xw + t; `values` are those of a file by name."""
+    """Rotation (3, 3), camera-from-world, and translation (3,) with Xc = R Xw + t, from the values of a file by name.
+
+    InputError if they are missing or of another shape; a rotation may be a vector of 3 numbers (Rodrigues).
+    """
     rotation, translation = matrix_of(values, ROTATION, where), matrix_of(values, TRANSLATION, where).reshape(-1)
     if rotation.size == 3:
         rotation = checked_rotation(rotation.reshape(3), where)
@@ -136,10 +146,10 @@ def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats
 
 
 def storage_values(text: str, path: Path) -> dict[str, object]:
-    """Named values of a FileStorage, names in small letters; a matrix is a mapping with `data`.
+    """Values of an OpenCV FileStorage by name in lower case; a matrix is a mapping with `rows`, `cols` and `data`.
 
     Raises:
-        InputError: it is not XML, JSON or YAML.
+        InputError: the text is not XML, JSON or YAML.
     """
     start = text.lstrip()[:1]
     if start == "<":
@@ -169,7 +179,7 @@ def _from_xml(text: str, path: Path) -> dict[str, object]:
 
 
 def _plain(text: str) -> object:
-    """Text content of an XML element that is not a matrix."""
+    """Value of an XML element that is not a matrix: its text, or a list if it has several words."""
     cells = text.split()
     return cells if len(cells) > 1 else text.strip()
 
@@ -210,7 +220,7 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:
-    """Shape of an OpenCV 5 matrix by the value of its `sizes`; None if not stated."""
+    """Shape of a matrix as OpenCV 5 states it in `sizes`, a list or a text of numbers; None if not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
     stated = cells and all(str(cell).isdecimal() and len(str(cell)) <= DIGITS for cell in cells)
     return tuple(int(cell) for cell in cells) if stated else None
@@ -236,7 +246,12 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Texts of one file per camera, by name; positions in metres. `late_s` (delays of clocks) cannot be stored."""
+    """Texts of one YAML file per camera, by file name.
+
+    Args:
+        cameras: with positions in metres.
+        late_s: clock offsets by camera [s], which the format cannot hold; ignored.
+    """
     return {f"{camera.name}.yml": _text(camera) for camera in cameras}
 
 

@@ -36,7 +36,7 @@ MAX_ANGLE = 2.0 * np.pi
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a TOML calibration."""
+    """Whether a text is a TOML calibration: it has a table with `matrix`."""
     try:
         return any(True for _ in _tables(toml_values(text, "calibration", WHAT)))
     except InputError:
@@ -54,7 +54,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
-    """Generate name and content of every table that describes a camera, at the top or second level of a file."""
+    """Yield name and content of each table that describes a camera (has `matrix`), at the top or second level."""
     for key, value in root.items():
         if not isinstance(value, dict):
             continue
@@ -68,7 +68,7 @@ def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]
 
 
 def _others(root: Mapping[str, object]) -> Iterator[str]:
-    """Generate the keys of a file that belong to no camera."""
+    """Yield the keys of a file that belong to no camera, for a note on unused keys."""
     cameras = {id(table) for _, table in _tables(root)}
     for key, value in root.items():
         inner = value if isinstance(value, dict) else {}
@@ -139,7 +139,7 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
 
 
 def checked_rotation(vector: Floats, where: str) -> Floats:
-    """(3, 3) rotation of a rotation vector [rad]; InputError for more than a whole turn."""
+    """(3, 3) rotation matrix of a rotation vector (3,) [rad] (Rodrigues); InputError for more than a whole turn."""
     angle = float(np.linalg.norm(vector))
     if angle > MAX_ANGLE:
         text = ", ".join(f"{value:.4g}" for value in vector)

@@ -39,7 +39,10 @@ _MARK = re.compile(r"^(intr|extr)(insics?|insic)?[_-]|[_-]?(intr|extr)(insics?|i
 
 
 def folder_files(path: Path) -> list[Path] | None:
-    """Files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`); None for other folders."""
+    """Calibration files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`).
+
+    None for other folders.
+    """
     poses_folder = path / "extrinsic"
     lenses = next((path / name for name in FOLDERS if (path / name).is_dir()), None)
     if lenses is None or not poses_folder.is_dir():
@@ -49,7 +52,7 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Whether a text is an OpenCV file with a lens or a pose only."""
+    """Whether a text is an OpenCV file with either intrinsics or extrinsics, not both."""
     if not ("opencv_storage" in text[:400] or text.startswith("%YAML")):
         return False
     lower = text.lower()
@@ -61,7 +64,13 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per pair of files, intrinsic and extrinsic; InputError for a file without its partner."""
+    """Read one camera per pair of OpenCV files, with its intrinsics and its extrinsics.
+
+    Files are paired by names without `intr_`, `extr_` and the like; cameras of WILDTRACK get the names C1 to C7.
+
+    Raises:
+        InputError: a file has no partner, or a camera has two files of one kind.
+    """
     lenses: dict[str, Path] = {}
     extrinsics: dict[str, Path] = {}
     for path in paths:

@@ -25,7 +25,7 @@ _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.I
 
 
 def detect(text: str) -> bool:
-    """Whether a text is a projection matrix (a transposed one is recognised, and refused later)."""
+    """Whether a text is a 3 x 4 matrix; also a transposed one, which `read` refuses."""
     try:
         return matrix_of(text).shape in ((3, 4), (4, 3))
     except ValueError:
@@ -38,10 +38,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def matrix_of(text: str) -> Floats:
-    """Parse the text of a matrix: a row per line, values separated by spaces or commas; lines with # are skipped.
-
-    Returns:
-        (rows, columns) matrix.
+    """Parse a matrix (rows, columns): a row per line, values separated by spaces or commas; lines with # are skipped.
 
     Raises:
         ValueError: a value is not a number, or rows have different lengths.
@@ -82,18 +79,19 @@ def camera_of_parts(
 ) -> Camera:
     """Create a camera from intrinsic matrix, rotation and centre.
 
-    A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
-    `MAX_SKEW_PX`.
-
     Args:
         k: (3, 3) intrinsic matrix.
-        rotation: (3, 3) camera-from-world.
-        centre: (3,) in the unit of `options`.
+        rotation: (3, 3) camera-from-world rotation.
+        centre: (3,) camera centre in the unit of `options`.
         image_size: width and height [px]; None: that of the options.
-        options: unit and image size.
+        options: length unit and image size.
         name: of the camera.
-        where: file, for messages.
+        where: file and camera, for messages.
         lens: distortion.
+
+    Raises:
+        InputError: a parameter is impossible, or the skew, which a scene does not have, is above `MAX_SKEW_PX` at the
+            upper or lower edge of the image.
     """
     check_camera_matrix(k, (image_size or options.image_size or (0, 1080))[1], where)
     pose = Pose(
@@ -109,9 +107,12 @@ def camera_of_parts(
 
 
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:
-    """Decompose a projection matrix: K (K[2, 2] = 1), camera-from-world rotation, and centre.
+    """Decompose a projection matrix (3, 4) into K (K[2, 2] = 1), camera-from-world rotation (3, 3) and centre (3,).
 
-    InputError for a matrix with a camera that would be at infinity.
+    RQ decomposition (Hartley and Zisserman, Sec. 6.2.4). `where` begins the message of the error.
+
+    Raises:
+        InputError: the left 3 x 3 part is singular, so that the camera would be at infinity.
     """
     left = matrix[:, :3]
     if not abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3:

@@ -50,7 +50,7 @@ KEYS = {
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a Qualisys calibration."""
+    """Whether a text is a calibration of Qualisys Track Manager (XML)."""
     head = text[:4000]
     return "<calibration" in head and "<camera" in text and "<transform" in text and "focalLengthU" in text
 
@@ -67,7 +67,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _is_active(element: Element, path: Path) -> bool:
-    """Whether a camera is in use, by the attribute `active` of its `element`, which may be missing (in use).
+    """Whether a camera is in use, by the attribute `active` of its element; also if the attribute is missing.
 
     InputError unless it is 0, 1, false or true.
     """
@@ -130,9 +130,15 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
 
 
 def _region(element: Element, inner: Element, where: str) -> ImageRegion:
-    """Image region: the part of the sensor in `fov_video`, scaled to the rows of `video_resolution`.
+    """Part of the sensor that the video shows (`fov_video`), scaled to the rows of `video_resolution`.
 
-    `element` is that of the camera, `inner` that of its intrinsics.
+    Args:
+        element: XML element of the camera.
+        inner: element of its intrinsics.
+        where: file and camera, for messages.
+
+    Raises:
+        InputError: the sizes of the sensor contradict each other, or the resolution is invalid.
     """
     left, top, right, bottom = _limits(required(element, "fov_video", where), where)
     found = element.find("fov_video_max")

@@ -72,15 +72,18 @@ class Transform(NamedTuple):
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a `camera_info` or a transform of ROS."""
+    """Whether a text is a `camera_info` or transforms of ROS, in YAML."""
     head = text.lstrip()[:1] in ("<", "{") or text.startswith("%YAML") or "opencv-matrix" in text
     return not head and (_INFO.search(text) is not None or _TRANSFORM.search(text) is not None)
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of all `camera_info` files, with poses from the transforms in the other files.
+    """Read the cameras of ROS `camera_info` files, with poses from the static transforms in the other files.
 
-    InputError without transforms or cameras.
+    The world is the root frame of the transforms; a note states it.
+
+    Raises:
+        InputError: there are no transforms or no cameras, the transforms have several roots, or a camera is invalid.
     """
     lenses: dict[str, tuple[Path, Mapping[str, object]]] = {}
     tree: dict[str, Transform] = {}
@@ -164,7 +167,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
 
 
 def quaternion_rotation(w: float, x: float, y: float, z: float) -> Floats:
-    """(3, 3) rotation of the quaternion w + x i + y j + z k, after normalisation."""
+    """(3, 3) rotation of the quaternion w + x i + y j + z k, which is normalised first."""
     w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
     return np.array(
         [
@@ -232,7 +235,12 @@ def _camera(
 
 
 def lens_of(model: str, given: Floats, where: str) -> Lens:
-    """Lens of a `camera_info` by the name of its model and its coefficients `given`.
+    """Lens of a `camera_info`.
+
+    Args:
+        model: its `distortion_model`.
+        given: its coefficients, in OpenCV's order.
+        where: file and camera, for messages.
 
     Raises:
         InputError: the model is unknown, or has another number of coefficients.
@@ -254,16 +262,16 @@ def lens_of(model: str, given: Floats, where: str) -> Lens:
 def region_of(
     whole: tuple[int, int], binning: tuple[int, int], roi: tuple[int, int, int, int], where: str
 ) -> ImageRegion:
-    """Image region of a `camera_info`; its parameters refer to the whole sensor (REP 104).
+    """Part of the sensor that the images of a `camera_info` show, by binning and region of interest (REP 104).
 
     Args:
-        whole: width and height [px] at full resolution.
-        binning: pixels in one of the image, across and down; 0 is 1.
-        roi: x, y, width and height [px] at full resolution; no width and height: all that there is.
-        where: for messages.
+        whole: width and height [px] of the sensor at full resolution.
+        binning: pixels of the sensor in one of the image, in x and y; 0 means 1.
+        roi: x, y, width and height [px] at full resolution; width or height 0: up to the end of the sensor.
+        where: file and camera, for messages.
 
     Raises:
-        InputError: the region is not one of the sensor.
+        InputError: the region is not inside the sensor.
     """
     x, y, width, height = roi
     bins = [max(n, 1) for n in binning]
@@ -277,7 +285,13 @@ def region_of(
 
 
 def region_text(name: str, region: ImageRegion, whole: tuple[int, int]) -> str:
-    """Note about the image region of the camera `name`; `whole` is width and height of the sensor [px]."""
+    """Note on the image region of a camera: image size, sensor size, binning and offset.
+
+    Args:
+        name: of the camera.
+        region: part of the sensor.
+        whole: width and height of the sensor [px].
+    """
     bins = np.round(1.0 / region.scale).astype(int).tolist()
     x, y = region.offset.astype(int).tolist()
     return (
@@ -291,9 +305,13 @@ def _binning(part: Mapping[str, object], where: str) -> tuple[int, int]:
 
 
 def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, where: str) -> tuple[int, int, int, int]:
-    """Offsets x and y, width and height of the region of interest [px]; all 0 if not stated.
+    """Offsets x and y, width and height of the region of interest [px]; each 0 if not stated.
 
-    `part` is the `camera_info`, `name` its file.
+    Args:
+        part: the `camera_info`.
+        name: of the camera, for the note on unused keys.
+        options: unused keys are added to it.
+        where: file and camera, for messages.
     """
     roi = part.get("roi") or {}
     if not isinstance(roi, dict):
@@ -324,9 +342,11 @@ def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> F
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Texts of a `camera_info` per camera and of the transforms from `world`, by file name; positions in metres.
+    """Texts of a `camera_info` per camera and of the transforms from the frame `world`, by file name.
 
-    `late_s` (delays of clocks) cannot be stored.
+    Args:
+        cameras: with positions in metres; those without a pose have no transform.
+        late_s: clock offsets by camera [s], which the format cannot hold; ignored.
     """
     out, transforms = {}, []
     for camera in cameras:

@@ -33,7 +33,7 @@ MAX_RATIO = 0.01
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a Tsai calibration."""
+    """Whether a text is a Tsai calibration (XML, as in the PETS data sets)."""
     return "<Camera" in text and "<Geometry" in text and "kappa1" in text
 
 
@@ -72,7 +72,14 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
-    """InputError for inconsistent pixel sizes [mm]: dpx must be dx ncx / nfx, and dpy = dy."""
+    """InputError if pixel sizes [mm] are inconsistent: dpx must be dx ncx / nfx, and dpy = dy, if these are stated.
+
+    Args:
+        geometry: XML element with the other sizes.
+        dpx: width of a pixel [mm].
+        dpy: height of a pixel [mm].
+        where: file and camera, for messages.
+    """
     dx, dy, ncx, nfx = (number(geometry, key, where, 0.0) for key in ("dx", "dy", "ncx", "nfx"))
     for key, size, other in (("dpx", dpx, dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, dy)):
         if other and abs(size / other - 1) > MAX_RATIO:

@@ -383,7 +383,7 @@ def _covariances(table: ViewTracks) -> Floats:
 
 
 def _shapes(table: ViewTracks) -> Floats:
-    """Return (R, 2, 2) shape matrices R diag(a^2, b^2) R^T of the ellipses of view tracks [px^2].
+    """Return (n, 2, 2) shape matrices R diag(a^2, b^2) R^T of the ellipses of n view tracks [px^2].
 
     a and b are the half axes, and R turns by the angle rho of axis a.
     """

@@ -257,7 +257,10 @@ class FrameClock(NamedTuple):
 
 
 class VisualState(NamedTuple):
-    """State of all trackers of all V views between time steps; `advance` makes the next one."""
+    """State of all trackers of all V views between time steps.
+
+    `advance` makes the next one and reuses buffers, so that the state before must not be used again.
+    """
 
     views: tuple[TrackedView, ...]
     geometry: ViewGeometry
@@ -300,8 +303,8 @@ def _at_rest(
         view: (n,) index of each tracker's view.
         target: (n,) identities.
         ellipse: (n, 5) ellipses: centre and half axes [px], angle [rad].
-        colours: (n, WIDTH) colour histograms, from `colours_in`.
-        split: (n,) the colours are those of the upper and the lower half.
+        colours: (n, WIDTH) colour histograms: of upper and lower half (`split`), or of the whole ellipse, then zeros.
+        split: (n,) whether the colours are those of the halves.
         views: V, the number of views.
         config: settings of the method.
     """

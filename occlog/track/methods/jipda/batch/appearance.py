@@ -26,9 +26,10 @@ MIN_SIMILARITY_DIFFERENCE = 0.01
 
 
 class AppearanceVectors(NamedTuple):
-    """Appearance of n nodes (boxes of one person at one time step) as unit vectors of K numbers, with their statistics.
+    """Appearance of n nodes (boxes of one person at one time step): sums of unit vectors of length K.
 
-    K is 0 if boxes have no appearance.
+    `total` (n, K) is the sum over the node's boxes with an appearance, `boxes` (n,) their number, `law` the learned
+    distributions of similarities of one person and of different people.
     """
 
     total: Floats  # (n, K) sum over the boxes of the position
@@ -37,7 +38,11 @@ class AppearanceVectors(NamedTuple):
 
 
 class AppearanceSums(NamedTuple):
-    """Cumulative appearance sums along tracks, forwards and backwards; changed in place."""
+    """Cumulative appearance sums of n nodes along their tracks, with the numbers of boxes; changed in place.
+
+    `earlier` (n, K): from the first node of the track up to and including each node; `later` (n, K): from each node to
+    the last.
+    """
 
     earlier: Floats  # (n, K) up to and with the position
     earlier_count: Floats  # (n,)
@@ -46,7 +51,7 @@ class AppearanceSums(NamedTuple):
 
 
 def no_sums(similar: AppearanceVectors) -> AppearanceSums:
-    """Return zero sums for all nodes, to be filled by `sum_up`."""
+    """Return zero cumulative sums for all nodes, to be filled by `sum_up`."""
     return AppearanceSums(
         np.zeros_like(similar.total),
         np.zeros_like(similar.boxes),
@@ -57,9 +62,10 @@ def no_sums(similar: AppearanceVectors) -> AppearanceSums:
 
 @kernel
 def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> float:
-    """Log likelihood ratio that `count` boxes are of one person, against different people; 0 for fewer than two boxes.
+    """Return the log likelihood ratio that `count` boxes are of one person, against different people.
 
-    `square` is the squared norm of the sum of their unit appearance vectors; `law` are the similarities learned.
+    `square` is the squared norm of the sum of their unit appearance vectors; `law` are the learned distributions of
+    similarities. 0 for fewer than two boxes, or if the similarities do not discriminate.
     """
     if count < 2.0:
         return 0.0
@@ -73,9 +79,10 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
 
 @kernel
 def log_ratio_joined(similar: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
-    """Log likelihood ratio that the boxes of up to three parts of a track are of one person.
+    """Return the log likelihood ratio that the boxes of up to three parts of a track are of one person.
 
-    The parts are a track up to and with node `i`, node `k`, and a track from node `j` on; -1 leaves a part out.
+    The parts are a track up to and including node `i`, node `k`, and a track from node `j` on; -1 leaves a part out.
+    `similar` are the nodes' appearances, `sums` their cumulative sums along the tracks. 0 without appearances.
     """
     if similar.total.shape[1] == 0:
         return 0.0
@@ -102,7 +109,7 @@ def log_ratio_joined(similar: AppearanceVectors, sums: AppearanceSums, i: int, k
 def sum_up(similar: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
     """Recompute the cumulative sums, in both directions, of the track that contains node `k`, in place; -1: no node.
 
-    `before` and `after` (n,) are the previous and the next node of each in its track, -1 for none.
+    `before` and `after` (n,) are the previous and the next node of each node in its track, -1 for none.
     """
     if k < 0 or similar.total.shape[1] == 0:
         return

@@ -35,7 +35,13 @@ NEW_TARGET_DENSITY_RATIO = 0.05
 
 
 class AssociatedPeople(NamedTuple):
-    """N people at one time step with their associated boxes in L frames of C cameras."""
+    """N people at one time step with their boxes in L frames of C cameras.
+
+    `track` (N,) that predicted each (`NO_NODE`: newly initiated), `mean` (N, 6) the state about which the boxes are
+    linearised, `given` (L, N) the box in each frame (`NO_NODE`: none), measurement factor exp(c + h' s - s' J s / 2) as
+    `J` (N, 6, 6), `h` (N, 6), `c` (N,), `miss` (N, C) log probabilities of a miss, `hint` (N, 2 C) identities of the
+    boxes by single-camera trackers, then by the filter, `appearance` (N, K) the sum of `n_vectors` (N,) unit vectors.
+    """
 
     track: Ints  # (N,) track that predicted them; NO_NODE: no track did
     mean: Floats  # (N, 6)
@@ -50,7 +56,10 @@ class AssociatedPeople(NamedTuple):
 
 
 class PredictedPeople(NamedTuple):
-    """N people predicted at a time step, with their states and existence probabilities."""
+    """N people predicted at a time step: number of the track (N,), state mean (N, 6) and covariance, existence (N,).
+
+    A state is x, y, vx, vy, height, width.
+    """
 
     track: Ints  # (N,)
     mean: Floats  # (N, 6)
@@ -59,7 +68,11 @@ class PredictedPeople(NamedTuple):
 
 
 class AssociatedBoxes(NamedTuple):
-    """Result of the association of M boxes with N people."""
+    """Result of the association of the M boxes of a time step's L frames with N people.
+
+    `people` are updated by the boxes; `beta` (N, M) is the probability that the person exists and the box is theirs
+    alone, `joint` (N, M) that it is merged with a neighbour's; `visible` (L, N) visible shares, NaN out of view.
+    """
 
     people: PredictedPeople
     beta: Floats  # (N, M) probability that they are there and the box is theirs alone
@@ -67,7 +80,7 @@ class AssociatedBoxes(NamedTuple):
     visible: Floats  # (L, N)
 
     def without(self, far: Ints) -> AssociatedBoxes:
-        """Return the association without the people with the indices `far`."""
+        """Return the association without the people at the indices `far`."""
         stay = np.setdiff1d(np.arange(len(self.beta)), far)
         p = self.people
         people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
@@ -77,9 +90,17 @@ class AssociatedBoxes(NamedTuple):
 def associate(
     state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
 ) -> AssociatedBoxes:
-    """Update the people with the boxes of one time step, by JIPDA over all cameras jointly as in the filter.
+    """Update N people with the M boxes of one time step, by JIPDA over all cameras jointly as in the filter.
 
-    `bonus` (N, M) are log likelihood ratios of features; the result's probabilities include existence.
+    Args:
+        state: filter state; gives the cameras.
+        boxes: frames of the time step, packed.
+        rates: parameters of the cameras' detectors.
+        people: predicted people.
+        bonus: (N, M) log likelihood ratios of tracklet ids and appearance.
+
+    Returns:
+        Updated people, and association probabilities that include existence.
     """
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
@@ -98,15 +119,15 @@ def assign_boxes(
     appearance: Floats,
     seen: AssociatedBoxes,
 ) -> AssociatedPeople:
-    """Give predicted people the boxes that are most probably theirs, and initiate new people from unassigned boxes.
+    """Assign to predicted people the boxes that are most probably theirs; initiate people from unassigned boxes.
 
     Args:
-        state: state of the filter.
+        state: filter state; gives cameras and settings.
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
-        appearance: (M, K) vectors of length 1; NaN: none.
-        seen: predicted people that are accepted to be there, updated with the boxes.
+        hint: (M, 2) identities of boxes, by single-camera trackers and by the filter; NO_NODE: none.
+        appearance: (M, K) unit vectors; NaN: none.
+        seen: predicted people, updated with the boxes.
 
     Returns:
         People who have a box, predicted ones first; predicted people with boxes that fit nowhere (`MIN_LOG_FIT`) are
@@ -168,18 +189,23 @@ def assign_boxes(
 
 
 def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
-    """(N,) maximum over the state s of each exponent c + h' s - s' J s / 2."""
+    """Return (N,) maxima over the state s of the exponents c + h' s - s' J s / 2.
+
+    J (N, 6, 6), h (N, 6) and c (N,) are measurement factors of N people.
+    """
     return np.asarray(c + 0.5 * np.einsum("ni,nij,nj->n", h, np.linalg.pinv(J, hermitian=True), h))
 
 
 def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: PackedDetections) -> None:
-    """Give each person who shares a box with a neighbour the filter's track that most of their boxes have; in place.
+    """Set the missing filter identity of each person who shares a box with a neighbour, in place.
+
+    It becomes the identity that most of the person's other boxes have.
 
     Args:
-        followed: (n, C) identities that the filter gives the boxes of people in each camera; NO_NODE.
-        rows: (n,) positions of these people among all, of whom those who are expected come first.
-        joint: (N, M) probability that a box is of a person who is expected and a neighbour.
-        given: (L, n) box of each person alone in each frame; NO_NODE.
+        followed: (n, C) identities that the filter gives the boxes of people in each camera; NO_NODE: none; changed.
+        rows: (n,) index of each of these people among all people; those below N were predicted.
+        joint: (N, M) probability that a box is merged of a predicted person and a neighbour.
+        given: (L, n) box of each person alone in each frame; NO_NODE: none.
         boxes: frames of the time step with their M boxes, packed.
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
@@ -191,12 +217,12 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
-    """Move boxes of new people to an overlapping person, in frames in which this person has no box; in place.
+    """Move boxes of new people to a person at nearly the same position who has no box in the frame; in place.
 
     Args:
-        mean: (N, 6) people, the new ones last.
-        given: (L, N) box in each frame; NO_NODE.
-        known: how many are not new.
+        mean: (N, 6) states of the people, new ones last.
+        given: (L, N) box of each person in each frame; NO_NODE: none; changed.
+        known: number of people who are not new.
     """
     for j in range(known, len(mean)):
         separation = np.hypot(*(mean[:j, :2] - mean[j, :2]).T)
@@ -208,9 +234,10 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
 
 
 def best_boxes(boxes: PackedDetections, beta: Floats) -> Ints:
-    """(L, N) index of the most probable box of each person in each frame.
+    """Return (L, N) index of the most probable box of each person in each frame; `NO_NODE`: none.
 
-    `NO_NODE` where no association probability (N, M) exceeds `MIN_ASSOCIATION_PROBABILITY`.
+    It must have a probability `beta` (N, M) above `MIN_ASSOCIATION_PROBABILITY`, and the person be the likeliest of the
+    box.
     """
     out = np.full((len(boxes.camera), len(beta)), NO_NODE)
     if not len(beta):

@@ -31,10 +31,10 @@ MIN_STEP_S = 1e-6
 
 @kernel
 def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
-    """Write the process noise covariance Q (6, 6) of a step of dt.
+    """Write the process noise covariance Q (6, 6) of x, y, vx, vy, height, width over `dt` (white acceleration).
 
     Args:
-        dt: length of the step [s].
+        dt: length of the step [s]; at least `MIN_STEP_S` is used.
         drift: (3,) spectral density of the acceleration, and variances that height and width gain in a second, > 0.
         Q: (6, 6) written.
     """
@@ -49,13 +49,13 @@ def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
 
 @kernel
 def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
-    """Write the predicted mean F m (6,) and covariance F P F' + Q (6, 6) of a state, a time `dt` [s] later.
+    """Write the predicted mean F m and covariance F P F' + Q of a state with nearly constant velocity, `dt` later.
 
     Args:
-        mean: (6,) m.
+        mean: (6,) m: x, y, vx, vy, height, width.
         covariance: (6, 6) P.
         dt: length of the step [s].
-        drift: (3,) noise densities, as in `noise_of_walk`.
+        drift: (3,) spectral density of the acceleration, and variances that height and width gain in a second.
         out_mean: (6,) written.
         out: (6, 6) written.
     """
@@ -77,14 +77,16 @@ def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean
 
 @kernel
 def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Update a Gaussian density by a measurement factor, in place; return the log of the integral of the product.
+    """Update a Gaussian density of s by the factor exp(c + h' s - s' J s / 2), in place.
+
+    Return the log of the integral of the product.
 
     Args:
-        mean: (6,) changed.
-        covariance: (6, 6) changed.
+        mean: (6,) of the density; changed.
+        covariance: (6, 6) of the density; changed.
         J: (6, 6) information matrix of the factor.
         h: (6,) information vector of the factor.
-        c: constant term of the factor's logarithm.
+        c: constant of the factor.
     """
     prior, post = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
     log_det = invert(covariance, prior)
@@ -111,14 +113,15 @@ def initial_density(
 ) -> float:
     """Write the density of the state after the first node of a track; return the log of its marginal likelihood.
 
-    The prior of a new person's position is 1 per unit of area (the caller divides by the area).
+    The prior of a new person's position is 1 per unit of area (the caller divides by the area). The node's factor is
+    exp(c + h' s - s' J s / 2).
 
     Args:
-        prior: (6,) precisions of the state of a new target; 0 for x and y.
+        prior: (6,) precisions of the state of a new target; those of x and y are ignored.
         at: (6,) prior means; those of x and y are ignored.
-        J: (6, 6) information matrix of the first position, or of it and all that follow.
+        J: (6, 6) information matrix of the first node, or of it and all that follow.
         h: (6,) information vector that belongs to J.
-        c: constant term of the factor's logarithm.
+        c: constant of the factor.
         mean: (6,) written.
         covariance: (6, 6) written.
     """
@@ -147,10 +150,10 @@ def initial_density(
 
 @kernel
 def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Floats:
-    """Log marginal likelihoods (n,) of the first nodes of new tracks (`initial_density` of each of n factors).
+    """Return log marginal likelihoods (n,) of n factors exp(c + h' s - s' J s / 2), each as a track's first node.
 
     Args:
-        prior: (6,) precisions of the state of a new target; 0 for x and y.
+        prior: (6,) precisions of the state of a new target; those of x and y are ignored (1 per unit of area).
         at: (6,) prior means; those of x and y are ignored.
         J: (n, 6, 6) information matrices.
         h: (n, 6) information vectors.
@@ -164,10 +167,10 @@ def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Flo
 
 @kernel
 def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Log of the integral of a Gaussian density times a measurement factor, without changing the density.
+    """Return the log of the integral of a Gaussian density times the factor exp(c + h' s - s' J s / 2).
 
-    The density has `mean` m (6,) and `covariance` P (6, 6), the factor is exp(c + h' s - s' J s / 2). With P = L L',
-    A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
+    The density has `mean` m (6,) and `covariance` P (6, 6); nothing is changed. With P = L L', A = I + L' J L and
+    v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2. NaN if P is not positive definite.
     """
     L, A = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
     v, off = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
@@ -226,11 +229,19 @@ def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: floa
 
 @kernel
 def predict_backwards(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
-    """Propagate the factor exp(c + h' s - s' J s / 2) of the state a time `dt` [s] backwards, and return its constant.
+    """Propagate the factor exp(c + h' s - s' J s / 2) of a state to a time `dt` earlier; return its new constant.
 
-    Write its `out_J` (6, 6) and `out_h` (6,); `drift` (3,) are noise densities as in `noise_of_walk`. It is convolved
-    with the process noise Q: with C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2,
-    before the transition F is applied.
+    It is convolved with the process noise Q: with C = (Q^-1 + J)^-1 it is J - J C J, h - J C h,
+    c + (h' C h + log|C| - log|Q|) / 2, before the transition F is applied.
+
+    Args:
+        J: (6, 6) information matrix.
+        h: (6,) information vector.
+        c: constant.
+        dt: length of the step [s].
+        drift: (3,) spectral density of the acceleration, and variances that height and width gain in a second.
+        out_J: (6, 6) written.
+        out_h: (6,) written.
     """
     t = max(dt, MIN_STEP_S)
     Q, inner, C = (

@@ -49,9 +49,12 @@ the chain does not see."""
 
 
 class TrackletNodes(NamedTuple):
-    """n nodes (the boxes of one person at one time step), sorted by time step.
+    """n nodes of the Markov chain (the boxes of one person at one time step), sorted by time step; C cameras.
 
-    C cameras, I identities of the filter.
+    Time `step` (n,) and `time` [s], floor position `at` (n, 2), measurement factor exp(c + h' s - s' J s / 2) relative
+    to clutter as `J`, `h`, `c`; logs of probabilities: `miss` (n, C) of a missed detection there, `birth` (n,) density
+    of an initiation [1/area], `death` (n,) of a termination; `hint` (n, 2 C) identities by single-camera trackers, then
+    by the filter (`NO_NODE`: none), `life` (I, 2) first and last time [s] of each filter identity; appearance vectors.
     """
 
     step: Ints  # (n,) index of the time step
@@ -69,7 +72,13 @@ class TrackletNodes(NamedTuple):
 
 
 class WalkModel(NamedTuple):
-    """Motion model of people, and prior of a new track."""
+    """Motion model of people, and prior of a new track.
+
+    `drift` (3, 3) are process noise densities (acceleration, height, width) of constant velocity, manoeuvre and posture
+    change, `often` (3,) the rates [1/s] at which the last two begin (0: never); `prior` and `mean` (6,) are precisions
+    and means of a new state; `speed` is the greatest speed, `slack` a distance added to what it allows, `reach` the
+    largest number of time steps from one node to the next, `stay` the mean dwell time [s].
+    """
 
     drift: Floats  # (3, 3) of each motion model, as in `gaussian_messages.noise_of_walk`
     often: Floats  # (3,) how often in a second each but the first begins; 0: never
@@ -85,7 +94,12 @@ class WalkModel(NamedTuple):
 
 
 class LinkCandidates(NamedTuple):
-    """Candidate successors of each node, and pairs of nodes of one time step that may be swapped, as flat lists."""
+    """Candidate links of n nodes as flat lists: entries first[k] to first[k + 1] - 1 of a list belong to node k.
+
+    `next` has the possible successors (ascending), `last` the possible predecessors, and `neighbours` the near nodes of
+    the same time step with which a node may be swapped; `first_next`, `first_last`, `first_neighbour` (n + 1,) index
+    them.
+    """
 
     first_next: Ints  # (n + 1,)
     next: Ints
@@ -96,10 +110,10 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Cache of log link probabilities; changed in place.
+    """Cache of log link probabilities, by index in `LinkCandidates.next` (`link`), and of initiations (`begun`).
 
-    An entry excludes the constants of the two messages, and is valid while the version stamps of the messages are
-    unchanged.
+    An entry excludes the constants of its two messages. It is valid while the version numbers of these messages, stored
+    with it (`earlier`, `later`; `first` of initiations), are those in the chain.
     """
 
     link: Floats  # by index in `LinkCandidates.next`
@@ -110,7 +124,13 @@ class LinkCache(NamedTuple):
 
 
 class MarkovChainState(NamedTuple):
-    """State of the Markov chain: the links of all nodes, with the messages; changed in place."""
+    """State of the Markov chain over n nodes: links, motion models and messages; changed in place.
+
+    `after` and `before` (n,) are the neighbours in a node's track (`NO_NODE`: none), `used` whether it is in a track,
+    `model` the motion model until the next node. Forward messages: `mean` (n, 6), `covariance`, log likelihood `past`;
+    backward messages: `J` (n, 6, 6), `h`, constant `future`. `earlier` and `later` count the updates of either message;
+    `sums` are cumulative appearance sums.
+    """
 
     after: Ints  # (n,) the next position of the track; NO_NODE
     before: Ints  # (n,)
@@ -129,7 +149,11 @@ class MarkovChainState(NamedTuple):
 
 @kernel
 def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Return whether node j can be the successor of node i: later, and within the distance that a person can walk."""
+    """Return whether node j can be the successor of node i in a track.
+
+    It must be later by at most `walk.reach` time steps, and within the distance of the greatest speed plus
+    `walk.slack`.
+    """
     gap = nodes.step[j] - nodes.step[i]
     if gap < 1 or gap > walk.reach:
         return False
@@ -140,9 +164,9 @@ def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
 
 @kernel
 def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float) -> LinkCandidates:
-    """List candidate links of each node, and pairs of nodes of one time step that are near each other.
+    """List the possible successors and predecessors of each node, and the near nodes of its time step.
 
-    `neighbour_distance` is the largest distance of such a pair, in the scene's unit.
+    `neighbour_distance` is the largest distance of such a near node [scene unit].
     """
     n = nodes.step.shape[0]
     first_next, first_last, first_neighbour = (
@@ -225,9 +249,10 @@ def missed_run(count: float, miss: float, hide: float, appear: float) -> tuple[f
 
 @kernel
 def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
-    """Log prior of a link from node i to node j without motion: survival, missed detections, and identities.
+    """Return the log probability of a link from node i to node j, without motion: survival, misses and identities.
 
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step; the frames between the nodes
+    count as misses.
     """
     total: float = -(nodes.time[j] - nodes.time[i]) / walk.stay
     a, b = nodes.step[i] + 1, nodes.step[j]
@@ -256,19 +281,20 @@ def joined(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """Log probability of a track from the forward message of node i and the backward message of node j, and its motion.
+    """Return the log probability of the track in which node j follows node i, and the most probable motion in between.
 
-    The most probable motion model between the two is returned: constant velocity, manoeuvre or posture change.
+    The motion is the index of constant velocity, manoeuvre or posture change. Termination is included in the backward
+    message, initiation in the forward message.
 
     Args:
         nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
-        i: index of the node.
+        i: index of the earlier node.
         mean: (6,) of its forward message.
         covariance: (6, 6) of its forward message.
         past: log likelihood of its forward message.
-        j: later node.
+        j: index of the later node.
         J: (6, 6) of its backward message.
         h: (6,) of its backward message.
         future: constant of its backward message.
@@ -288,7 +314,10 @@ def joined(
 
 @kernel
 def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
-    """Log probability that a manoeuvre, or a posture change, begins within `dt` [s]; for model 0, that none does."""
+    """Return the log probability that a manoeuvre (model 1) or posture change (2) begins within `dt` [s].
+
+    For model 0, constant velocity, that none begins.
+    """
     if model == CONSTANT_VELOCITY:
         return -float(np.sum(walk.often)) * dt
     return math.log(1.0 - math.exp(-walk.often[model] * dt))
@@ -298,10 +327,15 @@ def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
 def log_link_probability(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, j: int
 ) -> float:
-    """Log probability of the track in which node j follows node i.
+    """Return the log probability of the track in which node j follows node i, from the messages in `chain`.
 
-    `NO_NODE` for i is a start, for j an end; 0 if both are. `frame_counts` (T + 1, C) is the number of frames of each
-    camera before each time step.
+    Args:
+        nodes: all nodes of the chain.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        chain: forward message of i, backward message of j.
+        i: earlier node; `NO_NODE`: the track starts at j.
+        j: later node; `NO_NODE`: the track ends at i. 0 is returned if both are `NO_NODE`.
     """
     if i == NO_NODE and j == NO_NODE:
         return 0.0
@@ -329,10 +363,17 @@ def cached_link(
     i: int,
     j: int,
 ) -> float:
-    """Log probability of the track in which node j follows node i, as `log_link_probability`, from a cache.
+    """Return the log probability of the track in which node j follows node i, from a cache that is updated in place.
 
-    An entry of `known` (for the links in `listed`) is valid until one of its messages changes; then it is recomputed.
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    Args:
+        nodes: all nodes of the chain.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: candidate links; j must be among those of i.
+        known: cache; an entry is recomputed if one of its messages has changed since.
+        chain: links and messages.
+        i: earlier node; `NO_NODE`: the track starts at j.
+        j: later node; `NO_NODE`: the track ends at i.
     """
     if j == NO_NODE:
         return log_link_probability(nodes, walk, frame_counts, chain, i, j)
@@ -367,16 +408,16 @@ def forward_of(
     mean: Floats,
     P: Floats,
 ) -> float:
-    """Write the forward message of node k after node i (`NO_NODE`: start), and return its log likelihood.
+    """Write the forward message of node k after node i (`NO_NODE`: k is the first); return its log likelihood.
 
     Args:
         nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
-        chain: with the forward message of node i.
+        chain: has the forward message of node i; not changed.
         i: node before.
         k: index of the node.
-        model: motion model between the two.
+        model: motion model between the two (0: constant velocity, 1: manoeuvre, 2: posture change).
         mean: (6,) written.
         P: (6, 6) covariance, written.
     """
@@ -393,9 +434,10 @@ def forward_of(
 def log_insertion_probability(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, k: int, j: int
 ) -> float:
-    """Log probability of the track in which node k lies between i and j, each of which may be `NO_NODE`.
+    """Return the log probability of the track in which node k lies between nodes i and j (`NO_NODE`: none).
 
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step; `chain` has the messages of
+    i and j, and is not changed.
     """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     model = CONSTANT_VELOCITY
@@ -413,10 +455,10 @@ def log_insertion_probability(
 
 @kernel
 def choose_motion(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int) -> None:
-    """Set the motion model between node i and its successor to the most probable one, in `chain`.
+    """Set `chain.model[i]`, the motion between node i and its successor, to the most probable model.
 
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step; nothing is done for
-    `NO_NODE`.
+    Without a successor it is constant velocity; nothing is done for `NO_NODE`. `frame_counts` (T + 1, C) is the number
+    of frames of each camera before each time step.
     """
     if i == NO_NODE:
         return
@@ -441,8 +483,8 @@ def update_messages(
 ) -> None:
     """Recompute forward messages from node `forward_at` on, and backward ones from `backward_at` back, in `chain`.
 
-    Each stops where messages no longer change; `NO_NODE`: none is recomputed. `frame_counts` (T + 1, C) is the number
-    of frames of each camera before each time step.
+    Where a message no longer changes, only the constants of the rest are updated; `NO_NODE`: none is recomputed.
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
     """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
@@ -498,7 +540,7 @@ def update_messages(
 
 @kernel
 def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, k: int) -> None:
-    """Compute the messages of node k, and update those of the track that it has entered, in `chain`.
+    """Update the messages in `chain` after node k was linked into a track: its own, and those of other nodes.
 
     `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
     """
@@ -530,9 +572,10 @@ def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, cha
 
 @kernel
 def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState) -> None:
-    """Recompute all messages and appearance sums of all tracks in `chain`, after choosing the motion models.
+    """Choose the motion models, and recompute all messages and appearance sums of all tracks, in `chain`.
 
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    Motion models are kept where no messages exist yet. `frame_counts` (T + 1, C) is the number of frames of each camera
+    before each time step.
     """
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
@@ -549,7 +592,7 @@ def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Flo
 
 @kernel
 def log_posterior(nodes: TrackletNodes, chain: MarkovChainState) -> float:
-    """Log posterior probability of the chain's state, up to a constant."""
+    """Return the log posterior probability of the links in `chain`, up to a constant: the sum over all tracks."""
     value = 0.0
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.after[k] == NO_NODE:
@@ -568,10 +611,17 @@ def sweep(
     temperature: float,
     drawn: Floats,
 ) -> int:
-    """Propose one move of the chain for each row of `drawn` (k, 4), uniform random numbers in [0, 1).
+    """Propose one move of the Markov chain for each of k rows of random numbers; return how many were accepted.
 
-    Return how many were accepted; `chain` is changed in place. Probabilities count to the power 1 / `temperature`.
-    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    Args:
+        nodes: n nodes of the chain.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: candidate links and swaps.
+        known: cache of link probabilities; changed.
+        chain: links and messages; changed.
+        temperature: probabilities count to the power 1 / temperature.
+        drawn: (k, 4) uniform in [0, 1): kind of move, node, choice within the move, acceptance.
     """
     n = nodes.step.shape[0]
     accepted = 0
@@ -608,11 +658,12 @@ def propose_successor(
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         listed: candidate links.
-        known: cache of link probabilities.
-        chain: changed in place if it is accepted.
+        known: cache of link probabilities; changed.
+        chain: changed if the move is accepted.
         i: index of the node.
         u: uniform in [0, 1), chooses the successor.
-        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
+        log_u: threshold: temperature times the log of a uniform number; the move is accepted if the log probability
+            changes by more.
     """
     if not chain.used[i]:
         return 0
@@ -670,12 +721,13 @@ def propose_insertion(
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         listed: candidate links.
-        known: cache of link probabilities.
-        chain: changed in place if it is accepted.
+        known: cache of link probabilities; changed.
+        chain: changed if the move is accepted.
         k: index of the node.
         u: uniform in [0, 1), chooses the position in a track.
-        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
-        temperature: of the chain; weighs the number of positions from which an entry is drawn.
+        log_u: threshold: temperature times the log of a uniform number; the move is accepted if the log probability,
+            corrected for the number of possible positions, changes by more.
+        temperature: factor of that correction.
     """
     before = listed.first_last[k + 1] - listed.first_last[k]
     after = listed.first_next[k + 1] - listed.first_next[k]
@@ -737,20 +789,19 @@ def propose_swap(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that node k and another node of its time step exchange positions in tracks.
-
-    Return 1 if it is accepted, else 0.
+    """Propose that node k and a near node of its time step exchange their tracks; return 1 if it is accepted, else 0.
 
     Args:
         nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
-        listed: nodes of one time step that may be swapped.
-        known: cache of link probabilities.
-        chain: changed in place if it is accepted.
+        listed: near nodes of each time step that may be swapped.
+        known: cache of link probabilities; changed.
+        chain: changed if the move is accepted.
         k: index of the node.
         u: uniform in [0, 1), chooses the other node.
-        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
+        log_u: threshold: temperature times the log of a uniform number; the move is accepted if the log probability
+            changes by more.
     """
     count = listed.first_neighbour[k + 1] - listed.first_neighbour[k]
     if count == 0:

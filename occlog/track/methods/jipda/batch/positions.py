@@ -33,16 +33,16 @@ def smoothed_positions(
     common: tuple[float, float],
     wide: float,
 ) -> tuple[Floats, Floats]:
-    """Smoothed states of people, gait displacement included: means (K, 6) and covariances (K, 6, 6).
+    """Return smoothed states of people with their gait displacement: means (K, 6) and covariances (K, 6, 6).
 
     Args:
         walk: K rows of tracks at time steps, in the order of time steps.
-        tracks: nodes of the tracks, with their measurement factors.
+        tracks: n nodes of the tracks, with their measurement factors.
         span: the time steps.
-        own: (n,) variance of each position about the walk, per axis.
-        square: that variance where a track has no position.
-        common: variance per axis and correlation time [s] of the common error of position.
-        wide: inflation factor of the variances of walks, at least 1.
+        own: (n,) gait variance of each node's position about the smooth track, per axis.
+        square: gait variance where a track has no node.
+        common: variance per axis and correlation time [s] of the position error common to all cameras.
+        wide: inflation factor of the variances of smooth tracks, at least 1.
     """
     has = walk.node != NO_NODE
     spread = np.full(len(walk.track), square)
@@ -65,7 +65,9 @@ def smoothed_positions(
 def _smoothed(
     walk: States, tracks: ChainTracks, span: WindowSpan, J: Floats, h: Floats, common: tuple[float, float]
 ) -> tuple[Floats, Floats]:
-    """Smoothed means (K, 8) and covariances (K, 8, 8) of the states with the common error of position added (2).
+    """Rauch-Tung-Striebel smoother of the state with the common position error: means (K, 8), covariances (K, 8, 8).
+
+    The first six entries are x, y, vx, vy, height, width, the last two the error in x and y.
 
     Args:
         walk: K rows of tracks at time steps, in the order of time steps.
@@ -121,9 +123,11 @@ def _smoothed(
 
 
 def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Prior mean (8,) and covariance (8, 8) of the state of a new track with the common error of position added.
+    """Return the prior mean (8,) and covariance (8, 8) of a new track: a person's state, and the common error.
 
-    `common` is the variance per axis and the correlation time [s] of that error.
+    The mean position is 0, with the standard deviation `DIFFUSE_SIGMA_M`; velocity and body size are those of the
+    tracks' motion model. `common` is the variance per axis and the correlation time [s] of the position error in x and
+    y.
     """
     mean, variance = np.zeros(FULL_SIZE), np.empty(FULL_SIZE)
     mean[2:STATE_SIZE] = tracks.walk.mean[2:]
@@ -133,9 +137,10 @@ def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -
 
 
 def _transition(dt: float, drift: Floats, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Transition matrix F and process noise Q (8, 8) of a step of `dt` [s], for a state with the common error added.
+    """Return the transition matrix F and process noise Q, both (8, 8), of a step of `dt` [s].
 
-    `drift` (3,) are noise densities as in `noise_of_walk`, `common` the variance per axis and correlation time [s].
+    The state is x, y, vx, vy, height, width and the common position error in x and y. `drift` (3,) are the densities of
+    acceleration, height and width noise, `common` the error's variance per axis and correlation time [s].
     """
     F, Q = np.eye(FULL_SIZE), np.zeros((FULL_SIZE, FULL_SIZE))
     F[0, 2] = F[1, 3] = dt

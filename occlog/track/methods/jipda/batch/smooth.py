@@ -91,13 +91,17 @@ def smooth(
 ) -> list[TrackSnapshot]:
     """Smooth all people at the filter's time steps, from the detections before and after each.
 
-    Identities are renumbered from 0 in order of first appearance.
+    Batch data association by MCMC, then fixed-interval smoothing. Identities are renumbered from 0 in order of first
+    appearance.
 
     Args:
-        state: of the filter after the last time step: cameras, settings, and what it learned of the detectors.
-        frames: of each time step, as they were given to the filter.
+        state: filter state after the last time step: cameras, settings, and what it learned of the detectors.
+        frames: frames of each time step, as they were given to the filter.
         snapshots: results of the filter, in the order of time.
-        generator: of the Markov chain; the same one gives the same result.
+        generator: source of random numbers of the Markov chain; one seed gives one result.
+
+    Returns:
+        One snapshot per time step; [] without time steps.
     """
     if not snapshots:
         return []
@@ -152,9 +156,9 @@ def smooth(
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step, with clutter densities from the scores and clutter sources of all frames.
+    """Pack the frames of a time step at `t_ns`, with each box's clutter density from its score and clutter sources.
 
-    `t_ns` is the time of the time step.
+    The score statistics and sources are those of `state`, learned from all frames.
     """
     boxes = pack_detections(state, group, t_ns)
     again = persistent_clutter_rate(state.counts)
@@ -167,9 +171,9 @@ def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> P
 
 
 def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Sequence[TrackSnapshot]) -> WindowSpan:
-    """Return the times, the numbers of frames of each camera, and the rates and densities of people of the time steps.
+    """Return the times, cumulative frame counts of each camera, and rates and densities of people of the time steps.
 
-    `packed` and `snapshots` are detections and filter results of each of them.
+    Times are in seconds after the first time step. `packed` and `snapshots` are detections and filter results of each.
     """
     frame_counts = np.zeros((len(snapshots) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
@@ -192,7 +196,11 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
 
 
 def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapshot) -> PackedDetections:
-    """Return the detections without blind frames: no box is found although the filter's people should be detected."""
+    """Return the detections of a time step without blind frames.
+
+    A frame is blind (lost, or the lens covered) if it has no box although people of the filter's `snapshot` should be
+    detected in it.
+    """
     visible = np.nan_to_num(snapshot.visibility[:, boxes.camera].T)
     knots = np.linspace(0.0, 1.0, len(rates.curve))
     detection = rates.detection[boxes.camera, None] * np.interp(visible, knots, rates.curve)
@@ -202,9 +210,9 @@ def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapsh
 
 
 def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
-    """Return the detector parameters at each camera's mean frame period.
+    """Return the detectors' parameters, as learned by the filter, for each camera's mean frame period in `span`.
 
-    One of `between` frames of a camera counts as independent, >= 1.
+    `between` is the number of a camera's frames per frame that is used, >= 1: errors farther apart are less correlated.
     """
     # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -213,9 +221,9 @@ def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> Detecto
 
 
 def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
-    """Number of a camera's frames in `span` per frame in `subset`, a choice of its time steps; at least 1.
+    """Return the number of a camera's frames in `span` per frame in `subset`, a choice of its time steps; at least 1.
 
-    Of several cameras the least counts.
+    It is the least of all cameras with frames in `subset`.
     """
     frame_counts = subset.frame_counts[-1] > 0.0
     if not frame_counts.any():
@@ -224,7 +232,10 @@ def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
 
 
 def independent_steps(span: WindowSpan) -> Ints:
-    """Indices of time steps at least `INDEPENDENT_AFTER_S` apart in some camera: errors are nearly independent."""
+    """Return indices of time steps with a frame of some camera `INDEPENDENT_AFTER_S` after its last chosen one.
+
+    Box errors at these time steps are nearly independent.
+    """
     delivered = np.diff(span.frame_counts, axis=0) > 0.0
     chosen, last = [], np.full(delivered.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
@@ -235,14 +246,14 @@ def independent_steps(span: WindowSpan) -> Ints:
 
 
 def at_steps(span: WindowSpan, chosen: Ints) -> WindowSpan:
-    """Return the span restricted to the time steps with the indices `chosen`."""
+    """Return the span restricted to the time steps at the indices `chosen`; only their frames are counted."""
     delivered = np.diff(span.frame_counts, axis=0)[chosen]
     frame_counts = np.concatenate([np.zeros((1, delivered.shape[1])), np.cumsum(delivered, axis=0)])
     return span._replace(time=span.time[chosen], frame_counts=frame_counts)
 
 
 def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
-    """Return, for each time step, unit appearance vectors (M, K) of its boxes; NaN: no appearance."""
+    """Return, for each time step, unit appearance vectors (M, K) of its M boxes; NaN: no appearance."""
     every = [frame for group in frames for frame in group]
     dimension = max((frame.appearance.shape[1] for frame in every), default=0)
     histograms = are_histograms(*(frame.appearance for frame in every))
@@ -253,13 +264,13 @@ def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
 
 
 def _similarity(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Floats:
-    """(N, M) similarity of boxes (M, K) to N tracks at all other time steps; NaN if either has no appearance.
+    """Return the similarity (N, M) of boxes to N tracks at all other time steps; NaN if either has no appearance.
 
     Args:
         tracks: nodes and tracks of the chain.
-        head: (N,) first positions of tracks.
-        node: (N,) position at the time step; NO_NODE: none.
-        boxes: (M, K) appearances of boxes, vectors of length 1.
+        head: (N,) first node of each track.
+        node: (N,) node of the track at the time step of the boxes; NO_NODE: none.
+        boxes: (M, K) unit appearance vectors of boxes.
     """
     appearance = tracks.chain.sums.later[head]
     has = node != NO_NODE
@@ -270,9 +281,12 @@ def _similarity(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> F
 
 
 def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, followed: bool) -> Ints:
-    """(M, 2) identities of a time step's boxes: tracklet ID, and the filter's track; `NO_ID` if unknown.
+    """Return (M, 2) identities of a time step's M boxes: tracklet ID, and the filter's track; `NO_ID` if unknown.
 
-    `followed`: give the filter's tracks; otherwise they are unknown.
+    Args:
+        group: frames of the time step.
+        snapshot: the filter's result at the time step.
+        followed: use the filter's tracks; otherwise they are unknown.
     """
     by_tracker = np.concatenate([frame.tracklet_id for frame in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
@@ -283,9 +297,9 @@ def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, follo
 
 
 def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> AssociatedBoxes:
-    """Return the filter's people and associations of a time step in the form of batch association.
+    """Return the filter's people and associations at a time step in the form of batch association.
 
-    `boxes` are the packed frames of `group`.
+    `boxes` are the frames of `group`, packed; `snapshot` is the filter's result.
     """
     beta = np.zeros((len(snapshot.ids), len(boxes.box)))
     joint = np.zeros_like(beta)
@@ -296,7 +310,10 @@ def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapsho
 
 
 def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> Ints:
-    """(k,) index, among all boxes of the time step's frames, of the box of each of the filter's k associations."""
+    """Return (k,) indices, among all boxes of a time step, of the boxes in the filter's k associations.
+
+    `group` are the frames of the time step, `snapshot` the filter's result.
+    """
     keys = ((frame.camera, row) for frame in group for row in frame.row.tolist())
     index_of = {key: k for k, key in enumerate(keys)}
     supported = snapshot.support
@@ -305,16 +322,16 @@ def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> In
 
 
 def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float, metre: float) -> tuple[Floats, float]:
-    """Gait variance (n,) per axis of the position of each node about its smooth track, and the new variance scale.
+    """Return the gait variance (n,) per axis of each node about its smooth track, and the updated variance scale.
 
     Nodes outside tracks get the scale.
 
     Args:
         tracks: nodes and tracks of the chain.
         span: the time steps.
-        square: scale before.
-        new: variance of the common error that neighbouring positions do not share.
-        metre: one metre in the scene's unit.
+        square: variance scale before [scene unit^2].
+        new: variance of the common position error that neighbouring positions do not share.
+        metre: length of a metre in the scene's unit.
     """
     walk = _states(tracks, span, 0.0)
     rows = np.flatnonzero(walk.node != NO_NODE)
@@ -328,12 +345,18 @@ def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float,
 
 
 def track_extension(span: WindowSpan) -> float:
-    """Time by which a track is extended before its first and after its last node [s]; not across a pause."""
+    """Return the time [s] by which a track is extended before its first and after its last node.
+
+    At least `MIN_EXTENSION_S` and `MIN_EXTENSION_STEPS` mean time steps, plus half a time step.
+    """
     return max(MIN_EXTENSION_S, MIN_EXTENSION_STEPS * span.step) + 0.5 * span.step
 
 
 def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
-    """Leave-one-out states (without the node of the time step) of all tracks, extended by `extend` [s] at both ends."""
+    """Return the leave-one-out states of all tracks at all time steps: from all nodes but that of the time step.
+
+    Tracks are extended by `extend` [s] before their first and after their last node.
+    """
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1
     return states(tracks.nodes, tracks.walk, tracks.chain, span.time, early, late)
@@ -351,21 +374,22 @@ def _reassociate(
     square: float,
     steps: Ints,
 ) -> dict[int, AssociatedBoxes]:
-    """Associate the boxes of some time steps once more, with the people of the smoothed tracks.
-
-    The result is by time step.
+    """Associate the boxes of chosen time steps once more, with people predicted from the smoothed tracks.
 
     Args:
-        state: state of the filter.
+        state: filter state; gives cameras and learned statistics.
         packed: boxes of each time step.
         rates: parameters of the cameras' detectors.
-        hints: (M, 2) identities of the boxes of each time step.
-        appearance: (M, K) appearances of the boxes of each time step, vectors of length 1.
+        hints: (M, 2) identities of the boxes of each time step, by single-camera trackers and by the filter.
+        appearance: (M, K) unit appearance vectors of the boxes of each time step.
         tracks: nodes and tracks of the chain.
         span: the time steps.
         own: (n,) variance of each node about its smooth track, per axis.
         square: that variance where a track has no node.
-        steps: indices of the time steps.
+        steps: indices of the chosen time steps.
+
+    Returns:
+        Association of each chosen time step, by its index.
     """
     walk = _states(tracks, span, track_extension(span))
     # The position varies about the walk with the estimated variance
@@ -390,9 +414,14 @@ def _reassociate(
 
 
 def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, last: Ints, following: Ints) -> Floats:
-    """(N, M) log likelihood ratios of tracklet IDs, compared with those of the previous and next node of each track.
+    """Return (N, M) log likelihood ratios of boxes' tracklet IDs against those of each track's neighbouring nodes.
 
-    `hint` (M,) are the boxes' IDs, `last` and `following` (N,) the nodes; `NO_NODE`: none.
+    Args:
+        boxes: M boxes of a time step, packed.
+        hint: (M,) tracklet IDs of the boxes; NO_ID: none.
+        tracks: nodes and tracks of the chain.
+        last: (N,) node of each track before the time step; NO_NODE: none.
+        following: (N,) node of each track after it; NO_NODE: none.
     """
     out = np.zeros((len(last), len(hint)))
     if (hint == NO_ID).all():
@@ -421,7 +450,7 @@ def _smoothed_snapshots(
     """Return smoothed people at every time step; tracks less likely than clutter are omitted.
 
     Args:
-        tracks: nodes and tracks of the chain.
+        tracks: n nodes and tracks of the chain.
         span: the time steps.
         packed: boxes of each time step.
         frames: frames of each time step, as given to the filter.
@@ -430,8 +459,8 @@ def _smoothed_snapshots(
         own: (n,) variance of each node about its smooth track, per axis.
         square: that variance where a track has no node.
         walk: states of the tracks at the time steps.
-        common: variance per axis and correlation time [s] of the common error of position.
-        wide: inflation factor of the variances of walks.
+        common: variance per axis and correlation time [s] of the common position error.
+        wide: inflation factor of the variances of smooth tracks.
     """
     walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
     mean, covariance = smoothed_positions(walk, tracks, span, own, square, common, wide)
@@ -490,9 +519,19 @@ def _seen_by(
     seen: AssociatedBoxes,
     cameras: int,
 ) -> tuple[BoxAssociations, Floats]:
-    """Return the boxes associated with the people of `rows` of `walk`, and the visibility (m, C) of these m people.
+    """Return the boxes associated with m people of a time step, and the visibility (m, C) of these people.
 
-    `boxes` and `group` are the time step's, `seen` its last association, `cameras` C; visibility is NaN if unknown.
+    Args:
+        tracks: nodes and tracks of the chain.
+        walk: states of the tracks.
+        rows: (m,) rows of `walk` of the people.
+        boxes: boxes of the time step, packed.
+        group: frames of the time step.
+        seen: last association of these boxes.
+        cameras: C.
+
+    Returns:
+        Associations, with the index in `rows` as person; visible shares, NaN if unknown.
     """
     visible = np.full((len(rows), cameras), np.nan)
     beta = np.zeros((len(rows), len(boxes.box)))
@@ -517,7 +556,11 @@ SAME_TARGET_DISTANCE = 1.0
 
 @dataclass(frozen=True)
 class SmoothingWindow:
-    """Buffer of the fixed-lag smoother: reported time steps, kept as context, and those not yet reported."""
+    """Buffer of the fixed-lag smoother: frames and filter results of reported time steps, as context, and later ones.
+
+    `lag_ns` is the minimum time of data after a reported time step (None: all data); the first `reported` time steps
+    were reported before, `last` is the last reported result, and `next_id` the next free identity.
+    """
 
     lag_ns: int | None  # minimum time of data after a time step; None: all data
     generator: np.random.Generator
@@ -531,13 +574,15 @@ class SmoothingWindow:
 def add(
     window: SmoothingWindow, state: JipdaState, frames: Sequence[FrameDetections], snapshot: TrackSnapshot
 ) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Add the filter's output of a time step, and return the time steps older than the lag.
+    """Add a time step to the fixed-lag smoother; return the window, and smoothed time steps older than the lag.
+
+    The list is empty until enough time steps are ready to be smoothed at once.
 
     Args:
-        window: window before the time step.
-        state: state of the filter after the time step.
-        frames: of the time step, as they were given to the filter.
-        snapshot: results of the filter.
+        window: window before the time step; not changed.
+        state: filter state after the time step.
+        frames: frames of the time step, as they were given to the filter.
+        snapshot: result of the filter.
     """
     window = replace(window, frames=(*window.frames, frames), snapshots=(*window.snapshots, snapshot))
     waiting = len(window.snapshots) - window.reported
@@ -554,14 +599,18 @@ def add(
 
 
 def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
-    """Return the smoothed time steps that were not yet reported, at the end of the input."""
+    """Return the smoothed time steps that were not yet reported, at the end of the input.
+
+    `window` is the fixed-lag buffer, `state` the filter state after the last time step.
+    """
     return _report(window, state, len(window.snapshots))[1]
 
 
 def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Smooth the window, and return it shifted, with the smoothed time steps before `stop` that were not yet reported.
+    """Smooth the window; return it without old time steps, and the smoothed time steps not reported before `stop`.
 
-    `stop` is an index in the window.
+    `stop` is an index in the window, one after the last time step to report; at most as many time steps as wait are
+    kept as context.
     """
     if stop <= window.reported:
         return window, []
@@ -587,10 +636,16 @@ def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[Smoo
 def _window_identities(
     window: SmoothingWindow, coming: Sequence[TrackSnapshot], joint: TrackSnapshot, metre: float
 ) -> tuple[dict[int, int], int]:
-    """Map the identities of this window to those reported before, by position at the common time step.
+    """Map the identities of a window to those reported before, by position at the last time step that both have.
 
-    `coming` are the time steps to be reported, `joint` the window's result at the last one reported, `metre` the length
-    units per metre. Return the map and the next free number; people without a match get new numbers.
+    Args:
+        window: fixed-lag window with the last reported result.
+        coming: time steps to be reported.
+        joint: the window's result at the time step that was reported last.
+        metre: length of a metre in the scene's unit.
+
+    Returns:
+        The map (people without a match get new numbers), and the next free number.
     """
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):
@@ -609,10 +664,7 @@ def _window_identities(
 
 
 def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
-    """Return a time step with identities mapped by `number` and sorted by the new ones.
-
-    Events of unmapped ones are dropped.
-    """
+    """Return a time step with identities mapped by `number` and sorted by the new ones; unmapped events are dropped."""
     ids: Ints = np.array([number[k] for k in snapshot.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     index = np.empty(len(order), dtype=np.int64)
@@ -634,9 +686,9 @@ def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
 
 
 def _first(snapshot: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
-    """Return the first time step of a part, with events `initiated` and `terminated` relative to the last reported one.
+    """Return the first time step of a report, with events relative to the last reported time step.
 
-    `last` None: nothing was reported.
+    Events `initiated` and `terminated` are replaced, `possible_switch` stays. `last` None: nothing was reported before.
     """
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(snapshot.ids.tolist(), snapshot.existence.tolist(), strict=True))

@@ -22,7 +22,12 @@ from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkMode
 
 
 class States(NamedTuple):
-    """States of tracks at time steps; K rows, sorted by time step, then by track."""
+    """Leave-one-out states of tracks at time steps: K rows, sorted by time step, then by track.
+
+    `track` and time `step` (K,); nodes (K,): `head` the first of the track, `node` at the time step, `last` before and
+    `next` after it (`NO_NODE`: none); `mean` (K, 6) x, y, vx, vy, height, width and `covariance` (K, 6, 6), from all
+    nodes of the track but that of the time step.
+    """
 
     track: Ints  # (K,) number of the track, in the order of first positions
     step: Ints  # (K,)
@@ -39,22 +44,22 @@ class States(NamedTuple):
 
     @property
     def inside(self) -> Bools:
-        """(K,) booleans: the row is between the first and the last node of its track, or at one of them."""
+        """(K,) mask of rows between the first and the last node of their track, or at one of them."""
         return np.asarray((self.node != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
 def states(
     nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> States:
-    """Leave-one-out states of all tracks at all time steps, extended at both ends.
+    """Return the leave-one-out states of all tracks at all time steps, extended beyond both ends.
 
     Args:
-        nodes: n positions.
-        walk: motion models of people.
+        nodes: n nodes of the chain.
+        walk: motion model of people.
         chain: links and messages of the nodes.
-        time: (T,) time steps [s].
-        first: (T,) time step from which a track that begins at a time step is wanted.
-        last: (T,) time step to which one that ends there is.
+        time: (T,) times of the time steps [s].
+        first: (T,) index of the time step from which a track is returned whose first node is at each time step.
+        last: (T,) index of the time step up to which a track is returned whose last node is at each time step.
     """
     rows = States(*_states(nodes, walk, chain, time, first, last))
     order = np.lexsort((rows.track, rows.step))
@@ -63,6 +68,10 @@ def states(
 
 @kernel
 def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, last: Ints) -> int:
+    """Return the number of (track, time step) pairs of all tracks in the chain, with the extensions at both ends.
+
+    `first` and `last` (T,) are the first and last time step of a track that begins or ends at each time step.
+    """
     count = 0
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.before[k] == NO_NODE:
@@ -77,7 +86,19 @@ def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, la
 def _states(
     nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
-    """Return the columns of `States` in their order, track by track; arguments are those of `states`."""
+    """Return the columns of `States` in their order (track, step, head, node, last, next, mean, covariance), by track.
+
+    Each state is the product of the forward prediction from the last node before the time step, or the prior of a new
+    track, and the backward message from the next node after it.
+
+    Args:
+        nodes: n nodes of the chain.
+        walk: motion model of people.
+        chain: links and messages of the nodes.
+        time: (T,) times of the time steps [s].
+        first: (T,) first time step of a track with its first node at each time step.
+        last: (T,) last time step of a track with its last node at each time step.
+    """
     K = _count_states(nodes, chain, first, last)
     track, step, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
     node, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
@@ -145,19 +166,20 @@ MIN_TERMINATION_RATE = 1e-9
 def dwell_times(
     time: Floats, frame_counts: Floats, step_index: Ints, miss: Floats, hiding: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
-    """Expected time [s] that a person is present but missed in all frames, before or after the time step of a node.
+    """Return how long a person is expected to be present, but missed in all frames, before or after a node.
 
     Args:
-        time: (T,) time steps [s].
+        time: (T,) times of the time steps [s].
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
-        step_index: (n,) of each position.
-        miss: (n, C) log of the probability that a camera misses a person there in plain view.
-        hiding: (C, 2) probabilities from frame to frame, see `WalkModel`.
-        rate: (n,) at which people leave, or, back in time, have come [1/s].
-        step: -1: before the time step; 1: after it.
+        step_index: (n,) time step of each node.
+        miss: (n, C) log of the probability that a camera misses the person there in plain view.
+        hiding: (C, 2) probabilities that a person becomes hidden, and visible again, by the camera's next frame.
+        rate: (n,) rate [1/s] at which the person leaves or, back in time, has come.
+        step: -1: before the node; 1: after it.
 
     Returns:
-        The time (n,), and the probability (n,) that they are there, and missed, as long as the recording goes.
+        Expected time (n,) [s], and the probability (n,) of being present and missed until the end (or since the
+        beginning) of the recording.
     """
     n, T = step_index.shape[0], time.shape[0]
     total, rest = np.zeros(n), np.zeros(n)

@@ -43,15 +43,19 @@ MEAN_VISIBILITY = 0.85
 def frame_visibilities(
     views: PackedCameras, boxes: PackedDetections, rates: DetectorModel, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Visibility of N people in L frames: visible shares (L, N), those of the feet, and detection probabilities (L, N).
+    """Return the visibility of N people in the L frames of a time step, each (L, N).
 
     Args:
-        views: cameras.
+        views: cameras and position sensors.
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        mean: (N, 6) people.
-        covariance: (N, 6, 6) covariances of the states.
-        there: (N,) probability that they are there and hide others.
+        mean: (N, 6) x, y, vx, vy, height, width.
+        covariance: (N, 6, 6) covariances of these states.
+        there: (N,) probability that each person is there and hides others.
+
+    Returns:
+        Expected visible shares (NaN: out of view), visible shares of the feet, and detection probabilities; the last
+        two are 0 out of view.
     """
     L, N = boxes.camera.shape[0], mean.shape[0]
     visible, feet, detection = np.full((L, N), np.nan), np.zeros((L, N)), np.zeros((L, N))
@@ -82,9 +86,9 @@ def frame_visibilities(
 
 @kernel
 def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorModel, mean: Floats) -> Floats:
-    """Log probabilities (N, C) that each camera does not detect a person with state (N, 6).
+    """Return log probabilities (N, C) that each camera does not detect a person with the state `mean` (N, 6).
 
-    Other people are unknown: they hide as much as on average (`MEAN_VISIBILITY`).
+    0 where the person is out of view. Other people are unknown: they hide as much as on average (`MEAN_VISIBILITY`).
     """
     N, C = mean.shape[0], views.size.shape[0]
     out = np.zeros((N, C))
@@ -120,15 +124,18 @@ def factors(
     detection: Floats,
     feet: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Factors of N people's states: J (N, 6, 6), h (N, 6) and c (N,).
+    """Return the measurement factors exp(c + h' s - s' J s / 2) of N people: J (N, 6, 6), h (N, 6), c (N,).
+
+    A factor is the likelihood ratio of a person's boxes and misses at one time step to clutter, as a function of the
+    state s, linearised about `mean`.
 
     Args:
-        views: cameras.
-        boxes: frames of the time step with their M boxes, packed.
+        views: cameras and position sensors.
+        boxes: L frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        mean: (N, 6) where the boxes are made linear.
-        given: (L, N) box of the person in each frame; -1: no box.
-        detection: (L, N) probabilities.
+        mean: (N, 6) states about which the boxes are linearised.
+        given: (L, N) index of the box of each person in each frame; -1: missed.
+        detection: (L, N) detection probabilities.
         feet: (L, N) visible shares of the feet.
     """
     L, N = given.shape
@@ -186,9 +193,9 @@ def factors(
 
 @kernel
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
-    """Log density of the residuals `off` (4,) of a box's edges in `use` (4,) under their covariance `noise` (4, 4).
+    """Return the Gaussian log density of the residuals `off` (4,) of a box's edges in `use` (4,).
 
-    Write their precision matrix W (4, 4), 0 for edges that are not in use.
+    `noise` (4, 4) is their covariance; its inverse on the edges in use is written to `W` (4, 4), 0 elsewhere.
     """
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
@@ -215,11 +222,19 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 def widen_by_gait(
     J: Floats, h: Floats, c: Floats, gait_variance: Floats, out_J: Floats, out_h: Floats, out_c: Floats
 ) -> None:
-    """Convolve n factors J (n, 6, 6), h (n, 6), c (n,) with gait noise of variance `gait_variance` (n,) per axis.
+    """Convolve n factors exp(c + h' s - s' J s / 2) with gait noise of the position; write the new J, h and c.
 
-    The results are written to `out_J`, `out_h` and `out_c`. With e ~ N(0, S) added to the position, the factor's mean
-    over e is, with A the columns of J for x and y and M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M
-    h_xy - log|I + S J_xy|) / 2.
+    With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and
+    M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
+
+    Args:
+        J: (n, 6, 6) information matrices.
+        h: (n, 6) information vectors.
+        c: (n,) constants.
+        gait_variance: (n,) variance S of the gait noise per axis, > 0.
+        out_J: (n, 6, 6) written.
+        out_h: (n, 6) written.
+        out_c: (n,) written.
     """
     for k in range(c.shape[0]):
         a, b, d = 1.0 / gait_variance[k] + J[k, 0, 0], J[k, 0, 1], 1.0 / gait_variance[k] + J[k, 1, 1]
@@ -250,15 +265,17 @@ EM_STEPS = 5
 def gait_variances(
     J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
 ) -> tuple[Floats, float]:
-    """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (`EM_STEPS` of EM).
+    """Return the gait variances (n,) per axis of nodes about their smooth tracks, and the updated scale s^2.
+
+    Student t noise by `EM_STEPS` of expectation maximisation; below `MIN_NODES` nodes the scale stays.
 
     Args:
-        J: (n, 6, 6) information matrix of each node.
-        h: (n, 6) information vector of each node.
-        mean: (n, 6) the walk at the same time steps, without the node.
+        J: (n, 6, 6) information matrix of each node's boxes.
+        h: (n, 6) information vector of each node's boxes.
+        mean: (n, 6) smoothed state of the track at the node's time, without the node.
         covariance: (n, 6, 6) of `mean`.
-        scale: s^2 before.
-        metre: one metre in the scene's unit.
+        scale: s^2 before [scene unit^2].
+        metre: length of a metre in the scene's unit.
     """
     if not len(J):
         return np.zeros(0), scale

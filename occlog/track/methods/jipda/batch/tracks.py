@@ -70,7 +70,12 @@ MIN_PROCESS_NOISE_DENSITY = 1e-6
 
 
 class WindowSpan(NamedTuple):
-    """The T time steps of a window, with the frames of C cameras."""
+    """The T time steps of a smoothing window, with the frames of C cameras, and rates of people.
+
+    `time` (T,) [s]; `frame_counts` (T + 1, C), cumulative numbers of frames of each camera before each time step; floor
+    `area` [scene unit^2], mean number of `people` at a time, `false_people` per time step, mean dwell time `stay` [s],
+    rates of manoeuvres and posture changes [1/s], and `metre`, the length of a metre in the scene's unit.
+    """
 
     time: Floats  # (T,) [s]
     frame_counts: Floats  # (T + 1, C) number of frames of each camera before each time step
@@ -85,7 +90,7 @@ class WindowSpan(NamedTuple):
 
     @property
     def gaps(self) -> Floats:
-        """Times between successive time steps [s], without pauses of the recording."""
+        """Times between successive time steps [s], without pauses of the recording (steps much longer than usual)."""
         every = np.diff(self.time)
         if not len(every):
             return every
@@ -94,7 +99,7 @@ class WindowSpan(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Mean time between time steps [s], without pauses."""
+        """Mean time between time steps [s], without pauses; 1 if there is none."""
         gaps = self.gaps
         return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
 
@@ -109,7 +114,11 @@ class WindowSpan(NamedTuple):
 
 
 class ChainTracks(NamedTuple):
-    """Nodes in a Markov chain, and their measurement factors without gait noise."""
+    """The n nodes (boxes of one person at one time step) of a window, their motion model, and their Markov chain.
+
+    `J` (n, 6, 6) and `h` (n, 6) are the nodes' measurement factors without gait noise, in information form; `label`
+    (n,) is the track that each node was associated with (`NO_NODE`: none).
+    """
 
     nodes: TrackletNodes
     walk: WalkModel
@@ -120,11 +129,14 @@ class ChainTracks(NamedTuple):
 
 
 def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> WalkModel:
-    """Return the motion model of people by the settings.
+    """Return the motion model of people from the settings and the learned rates.
 
-    While links are searched (`free`), people move with constant velocity or manoeuvre. Later, slight turns that are not
-    detected individually are included: the acceleration is averaged over both models. `reach` is the largest number of
-    time steps from one node of a track to the next.
+    Args:
+        config: settings of the method.
+        span: time steps, with the rates of manoeuvres and posture changes.
+        reach: largest number of time steps from one node of a track to the next.
+        free: links are searched: walking straight has the process noise of the settings. Else it is averaged with that
+            of manoeuvres, so that slight turns which are not detected individually are included.
     """
     often = span.turning * config.manoeuvre_duration_s / (1.0 + span.turning * config.manoeuvre_duration_s)
     mean = (1.0 - often) * config.process_noise_density + often * config.manoeuvre_noise_density
@@ -167,16 +179,16 @@ def tracks_from(
     free: bool,
     law: FeatureLikelihood,
 ) -> ChainTracks:
-    """Convert the people of all time steps to nodes of a Markov chain, linked by their tracks.
+    """Convert the people of all time steps to nodes of a Markov chain, linked by their tracks, with all messages.
 
     Args:
         found: people with their boxes at each time step.
         span: the time steps.
         config: settings of the method.
-        known: map of the positions where people leave.
-        scatter: variance of a position about the walk, or that of each position (n,).
-        free: the links are to be changed: those that the chain could not make are cut.
-        law: likelihood of similarities of boxes.
+        known: map of departures.
+        scatter: gait variance per axis of a position about the smooth track: one number, or one for each node (n,).
+        free: the links are to be changed by the chain: those that it could not make are cut.
+        law: likelihood of appearance similarities of boxes.
     """
     counts = [len(f.track) for f in found]
     step = np.repeat(np.arange(len(found)), counts)
@@ -227,10 +239,14 @@ def tracks_from(
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
-    """Renumber the filter's identities of nodes from 0, and return with them the time range (I, 2) [s] of each.
+    """Renumber the filter's identities of nodes from 0, and return the time range of each identity.
 
-    `hint` (n, 2 C) are identities by trackers in the images, then by the filter (a renumbered copy is returned); `time`
-    (n,) are the nodes' times [s].
+    Args:
+        hint: (n, 2 C) identities of a node's box in each camera, by single-camera trackers, then by the filter.
+        time: (n,) times of the nodes [s].
+
+    Returns:
+        A copy of `hint` with new numbers in the last C columns, and (I, 2) first and last time of each number [s].
     """
     C = hint.shape[1] // 2
     hint = hint.copy()
@@ -245,16 +261,23 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
 
 
 def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> Floats:
-    """(n,) termination rates [1/s] at `positions` (n, 2), from the map of departures at cell resolution."""
+    """Return (n,) rates [1/s] at which people leave at `positions` (n, 2), by departures counted nearby.
+
+    The mean dwell time of `span` is the prior.
+    """
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
     return track_termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
-    """Return the initial state of the Markov chain: successive nodes of one track are linked.
+    """Return the initial state of the Markov chain: successive nodes of one track are linked, without messages.
 
-    `track` (n,) is the number of each node's track, `NO_NODE` for none; `free`: only links that the chain could make.
+    Args:
+        nodes: n nodes.
+        walk: motion model.
+        track: (n,) number of each node's track, `NO_NODE` for none.
+        free: omit links that the chain itself could not make.
     """
     n = len(track)
     after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
@@ -280,9 +303,13 @@ def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> Ma
 
 
 def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
-    """Run the Markov chain of `tracks` with decreasing temperature (simulated annealing), in place.
+    """Optimise the links of `tracks` by simulated annealing of the Markov chain, in place.
 
-    `hottest` is the first temperature.
+    Args:
+        tracks: nodes and chain; the chain is changed.
+        span: the time steps.
+        generator: source of random numbers.
+        hottest: first temperature; the last is `FINAL_TEMPERATURE`.
     """
     n = len(tracks.nodes.step)
     if n == 0:
@@ -298,14 +325,17 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """Return the candidate successors of each node, and the nodes of its time step that it may be swapped with."""
+    """Return the candidate links of the chain's nodes: possible successors, predecessors, and swaps.
+
+    Nodes of one time step may be swapped if they are at most `SWAP_DISTANCE_M` apart.
+    """
     return candidates(tracks.nodes, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
-    """Link ends of tracks with starts of later ones by optimal assignment, in place, where that is likelier.
+    """Link ends of tracks with starts of later ones by optimal assignment, in place, where that is likelier than a gap.
 
-    A link without detections in between is compared with a termination and an initiation.
+    A link without detections in between, over at most `MAX_BRIDGE_S`, is compared with a termination and an initiation.
     """
     nodes, walk, chain = tracks.nodes, tracks.walk, tracks.chain
     ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))

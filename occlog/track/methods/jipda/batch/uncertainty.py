@@ -48,13 +48,16 @@ SWITCH_WINDOW_S = 4.0
 def possible_identity_switches(
     tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints
 ) -> dict[int, list[Event]]:
-    """Find possible identity switches: events by the time step from which the identities may be wrong.
+    """Return events `possible_switch` by the index of the time step from which identities may be wrong.
+
+    An exchange of tails counts if its probability is at least `MIN_SWITCH_PROBABILITY`; each gives two events, one for
+    each track.
 
     Args:
         tracks: nodes and tracks of the chain.
         span: the time steps.
-        number: (n,) track of each position; NO_NODE: no track.
-        identity: identity of each track; NO_ID: it is not reported.
+        number: (n,) track of each node; NO_NODE: no track.
+        identity: reported identity of each track; NO_ID: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
     listed = listed_of(tracks._replace(walk=walk), span)
@@ -102,8 +105,15 @@ def _exchanges(
 ) -> tuple[Ints, Ints, Floats]:
     """Return nodes i, nodes j and probabilities (each (k,)) of the exchanges of tails that link i to j.
 
-    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted. `frame_counts` (T + 1, C) is the number of
-    frames of each camera before each time step, `number` (n,) the track of each node.
+    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted.
+
+    Args:
+        nodes: n nodes of the chain.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: candidate links.
+        chain: links and messages.
+        number: (n,) track of each node.
     """
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
@@ -159,7 +169,7 @@ def widening(
     walk: States,
     span: WindowSpan,
 ) -> float:
-    """Inflation factor of the covariances of smoothed tracks for time-correlated errors of boxes, at least 1.
+    """Return the factor, at least 1, by which covariances of smoothed tracks grow for time-correlated box errors.
 
     Args:
         views: cameras.
@@ -180,13 +190,13 @@ def widening(
 
 
 def _max_frames(span: WindowSpan) -> int:
-    """Number of a camera's frames in `ERROR_CORRELATION_S`, at the mean rate of the camera with most frames."""
+    """Return the number of frames in `ERROR_CORRELATION_S`, at the mean rate of the camera with most frames."""
     n_frames = float(span.frame_counts[-1].max())
     return round(ERROR_CORRELATION_S * max(n_frames - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
 def long_run_variance(key: Ints, frame: Ints, error: Floats, most: int) -> float:
-    """Long-run variance (sum of autocovariances) of errors, over all series.
+    """Return the long-run variance of errors: the sum of autocovariances at lags -`most` to `most`, over all series.
 
     Args:
         key: (n,) number of each error's series.
@@ -215,15 +225,21 @@ def _errors(
     walk: States,
     span: WindowSpan,
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Residuals of box centres after a fit of each time step, normalised by the noise of one frame.
+    """Return residuals of box centres after a fit of positions to each time step, in standard deviations of one frame.
 
-    `found` are the people of each time step with their boxes; the other arguments are those of `widening`.
+    Args:
+        views: cameras.
+        rates: parameters of the cameras' detectors.
+        packed: boxes of each time step.
+        found: people of each time step with their boxes.
+        walk: states of the tracks of these people.
+        span: the time steps.
 
     Returns:
-        key: (n,) series, of a person in a camera.
+        key: (n,) series: one for each person and camera.
         frame: (n,) number of the camera's frame.
-        error: (n, 2) across and down, in standard deviations of one frame; NaN: not known.
-        held: (n, 2) long-run variance of these that positions hold.
+        error: (n, 2) horizontal and vertical; NaN: not known.
+        held: (n, 2) long-run variance of these errors that the measurement noise of the smoother already contains.
     """
     first = np.cumsum([0, *(len(f.track) for f in found)])
     row = np.full(first[-1], NO_NODE)
@@ -260,10 +276,11 @@ def _errors(
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
-    """(K,) existence probability of the person of each row of `walk` at its time step; 1 between first and last node.
+    """Return (K,) existence probabilities of the people of each row of `walk` at its time step; 1 within a track.
 
     After the last node the person left at once, or was missed in some frames and then left, or is still present at the
-    end of the recording; each is weighted by the probability of leaving then and of all misses before.
+    end of the recording; each is weighted by the probability of leaving then and of all misses before. Before the first
+    node it is computed likewise.
     """
     out = np.ones(len(walk.track))
     for ends, step in ((walk.last, 1), (walk.next, -1)):
@@ -275,7 +292,7 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
 
 
 def _still(tracks: ChainTracks, span: WindowSpan, node: int, step: int) -> Floats:
-    """Existence probabilities 0, 1, 2 ... time steps after a track's last node, or before its first one.
+    """Return existence probabilities 0, 1, 2 ... time steps after the last node of a track, or before its first one.
 
     `step` is 1 for the time after the last `node`, -1 for that before the first; they reach to the end of the span.
     """

@@ -51,7 +51,13 @@ MODELS = {"brown": BENT, "opencv": COMPLETE, "tsai": BENT_BACK, "equidistant": F
 
 
 class PackedCameras(NamedTuple):
-    """C cameras (and position sensors), packed into arrays for the kernels."""
+    """C cameras and position sensors, and W static occluders, packed into arrays for the kernels.
+
+    World `position` (C, 3), `rotation` (C, 3, 3) world-from-camera, `focal` and `principal` (C, 2) [px], image `size`
+    (C, 2) [px], `range` (C,), the farthest distance at which a person is seen, and `lens` (C, LENS), all of these and
+    the distortion in a row. Occluder w is the polygon `corner[first[w]:first[w + 1]]` on the floor with the height
+    `top[w]`.
+    """
 
     position: Floats  # (C, 3)
     rotation: Floats  # (C, 3, 3) world-from-camera
@@ -71,8 +77,8 @@ def pack_views(
     """Pack cameras with known poses, position sensors, and static occluders into arrays.
 
     Args:
-        views: cameras, then sources of positions.
-        occluders: polygon (K, 2) and height of each.
+        views: cameras, then sources of positions; ValueError in another order.
+        occluders: polygon (K, 2) and height (may be infinite) of each.
     """
     cameras = [each for each in views if not isinstance(each, PositionSource)]
     packed = _pack_cameras(cameras, occluders)
@@ -96,9 +102,10 @@ def pack_views(
 
 
 def cover_positions(views: PackedCameras, c: int, positions: Floats, metre: float) -> PackedCameras:
-    """Return the cameras with the coverage of position sensor `c` extended to `positions` (n, 2) and a margin.
+    """Return the cameras, with the coverage of position sensor `c` extended to `positions` (n, 2) and a margin.
 
-    `metre`: length units per metre.
+    The margin is `COVERAGE_MARGIN_M`; `metre` is the length of a metre in the scene's unit. The argument is not
+    changed.
     """
     if not len(positions):
         return views
@@ -111,6 +118,10 @@ def cover_positions(views: PackedCameras, c: int, positions: Floats, metre: floa
 
 
 def _pack_cameras(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]]) -> PackedCameras:
+    """Pack cameras, and static occluders given as (polygon (K, 2), height), into arrays.
+
+    A camera without an image size gets a size that cuts no box.
+    """
     size = [c.image_size if c.image_size is not None else (UNOBSERVED_SIZE_PX, UNOBSERVED_SIZE_PX) for c in cameras]
     return PackedCameras(
         position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),
@@ -127,11 +138,12 @@ def _pack_cameras(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, f
 
 
 def _lens(camera: Camera) -> Floats:
-    """(LENS,) intrinsics, extrinsics and distortion of a camera.
+    """Return a row (LENS,) of `PackedCameras.lens`: extrinsics, intrinsics and distortion of a camera.
 
-    Position (3,), rotation (9,), focal lengths (2,), principal point (2,), the first five coefficients of the
-    distortion, the model of the lens, the normalised radius to which it is valid; then k4, k5, k6, s1 to s4 and the
-    first eight numbers of the tilt's homography by rows, over the ninth, of OpenCV's complete model.
+    Position (3,), rotation world-from-camera by rows (9,), focal lengths (2,), principal point (2,), the first five
+    coefficients of the distortion, the lens model (`STRAIGHT` to `COMPLETE`), the normalised radius to which it is
+    valid; then k4, k5, k6, s1 to s4 and the first eight numbers of the tilt's homography by rows, over the ninth, of
+    OpenCV's complete model (0 for others).
     """
     model = STRAIGHT if camera.straight else MODELS[camera.distortion_model]
     parts = (camera.position, camera.rotation, camera.focal_px, camera.principal_px, camera.distortion[:5])
@@ -143,7 +155,7 @@ def _lens(camera: Camera) -> Floats:
 
 
 def _limit(camera: Camera) -> float:
-    """Radius in the undistorted normalised image up to which the camera's lens model is valid.
+    """Return the radius in the undistorted normalised image up to which the camera's lens model is valid.
 
     It is infinite without distortion or image size.
     """
@@ -163,7 +175,11 @@ def _limit(camera: Camera) -> float:
 
 @kernel
 def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
-    """Apply lens distortion to a point (x, y) of the ideal normalised image; the lens must not be `STRAIGHT`."""
+    """Return the distorted normalised image point of an ideal one (x, y).
+
+    `lens` (LENS,) is a row of `PackedCameras.lens`, not with the model `STRAIGHT`. Beyond the radius of validity the
+    mapping is continued by a straight line.
+    """
     k1, k2, p1, p2, k3 = lens[16], lens[17], lens[18], lens[19], lens[20]
     radius = math.sqrt(x * x + y * y)
     # Beyond the valid radius: as at that radius, and further out in a straight line
@@ -203,7 +219,7 @@ def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def expected_box(lens: Floats, x: float, y: float, height: float, width: float, box: Floats) -> float:
-    """Write the expected box (4,) [px] of a person, and return the depth of the person's centre along the optical axis.
+    """Write the expected box of a person in a camera's image; return the depth of the body's centre.
 
     Args:
         lens: (LENS,) row of the camera in `PackedCameras.lens`.
@@ -211,11 +227,12 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
         y: second coordinate of the person on the floor.
         height: height of the person, > 0.
         width: width of the person, > 0.
-        box: (4,) left, top, right, bottom [px], written; it may lie outside the image.
+        box: (4,) left, top, right, bottom [px], written; it may lie outside the image. (x, y, x, y) of a position
+            sensor.
 
     Returns:
-        Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `MIN_DEPTH_HEIGHTS`
-        heights, or so far away that rounding leaves no outline.
+        Depth along the optical axis, > 0, and 1 for a position sensor; -1, and no box, where part of the person is
+        behind the camera or closer than `MIN_DEPTH_HEIGHTS` heights, or so far away that rounding leaves no outline.
     """
     if lens[MODEL] == GROUND_PLANE:
         box[0], box[1], box[2], box[3] = x, y, x, y
@@ -254,14 +271,16 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
 
 @kernel
 def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope: Floats) -> float:
-    """Write the expected box (4,) [px] of a state and its Jacobian (4, 6); return the depth as `expected_box` does.
+    """Write the expected box of a state in a camera's image and its Jacobian; return the depth along the optical axis.
+
+    The depth is -1, and what is written undefined, where part of the person is behind or too close to the camera.
 
     Args:
-        lens: (LENS,) of the camera, a row of `PackedCameras.lens`.
-        state: (6,) at the time step's time.
+        lens: (LENS,) row of the camera in `PackedCameras.lens`.
+        state: (6,) x, y, vx, vy, height, width at the time step's time.
         delay: how much later than the time step the camera's frame is [s]; negative: earlier.
-        box: (4,) written.
-        slope: (4, 6) written: central difference quotients.
+        box: (4,) written: left, top, right, bottom [px].
+        slope: (4, 6) written: derivatives of the box by the state, by central differences.
     """
     x, y = state[0] + delay * state[2], state[1] + delay * state[3]
     height, width = state[4], state[5]
@@ -295,9 +314,9 @@ def project(views: PackedCameras, c: int, mean: Floats, covariance: Floats, dela
     """Project n people into camera c: expected boxes with the covariances of their centres.
 
     Args:
-        views: cameras.
+        views: cameras and position sensors.
         c: index of the camera.
-        mean: (n, 6) states.
+        mean: (n, 6) states x, y, vx, vy, height, width.
         covariance: (n, 6, 6) covariances of the states.
         delay: how much later than the states the frame is [s].
         out: (n, 8) written: left, top, right, bottom [px], xx, xy and yy of the centre's covariance [px^2], and the

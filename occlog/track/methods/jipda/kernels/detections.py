@@ -25,7 +25,13 @@ LOG_SIZE_RANGE = math.log(20.0)
 
 
 class PackedDetections(NamedTuple):
-    """Frames of one time step, packed: L frames with M boxes in all."""
+    """Detections of the L frames of one time step, packed into arrays for the kernels: M boxes in all.
+
+    Per frame: `camera` index, `delay` after the time step [s], and `first` (L + 1,): frame l has the boxes first[l] to
+    first[l + 1] - 1. Per box: `box` (M, 4) left, top, right, bottom [px], `usable` (M, 4) edges that the image border
+    does not cut, `clutter` log of the expected number of false alarms per frame. Positions on the ground are boxes
+    (x, y, x, y) with `covariance` (M, 3) xx, xy, yy and `tail` (M,), the additional variance of a manoeuvring target.
+    """
 
     camera: Ints  # (L,)
     delay: Floats  # (L,) later than the time step [s]
@@ -38,7 +44,15 @@ class PackedDetections(NamedTuple):
 
 
 class DetectorModel(NamedTuple):
-    """Parameters of the detectors of C cameras: detection, errors of edges, merges and misses."""
+    """Parameters of the detectors of C cameras: detection, errors of box edges, merges and misses.
+
+    `detection` (C,) is the detection probability of an unoccluded person, `curve` (K,) its factor at the visible shares
+    0 to 1; `bias` (C, 4) and `noise` (4, 2) are errors of centre x, width, centre y, height (bias as shares of height,
+    width, height, height; noise variance = constant [px^2] + factor x size^2); `gait_variance` is a further centre
+    variance [box heights^2] with correlated errors, `lasting` (C,) and `slow` factors for correlation; `cut`, `wrong`,
+    `merge` and `common_miss` are probabilities of a truncated box, an outlier edge, a merged detection, and a miss in
+    all frames.
+    """
 
     detection: Floats  # (C,) probability of detection of a person in plain view
     curve: Floats  # (K,) factor of it at the visible shares 0, 1 / (K - 1), .., 1
@@ -55,7 +69,7 @@ class DetectorModel(NamedTuple):
 
 @kernel
 def interpolate(curve: Floats, share: float) -> float:
-    """Linear interpolation, at `share` from 0 to 1, of a curve (K,) with values at equal steps from 0 to 1."""
+    """Interpolate linearly, at `share` (clipped to 0 to 1), a curve (K,) with values at equal steps from 0 to 1."""
     at = min(max(share, 0.0), 1.0) * (curve.shape[0] - 1)
     k = min(int(at), curve.shape[0] - 2)
     value: float = curve[k] + (at - k) * (curve[k + 1] - curve[k])
@@ -64,14 +78,14 @@ def interpolate(curve: Floats, share: float) -> float:
 
 @kernel
 def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, lasting: float) -> tuple[float, float]:
-    """Variances [px^2] of the centre and of the size of a box along one axis.
+    """Return the variances [px^2] of the centre and of the size of a box along one image axis.
 
     Args:
         rates: parameters of the cameras' detectors.
-        axis: 0: across, 1: down.
+        axis: 0: horizontal, 1: vertical.
         width: width of the box [px].
         height: height of the box [px].
-        lasting: factor of the gait variance.
+        lasting: factor of the time-correlated variance of the centre.
     """
     size = width if axis == 0 else height
     centre = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.gait_variance) * height * height
@@ -80,9 +94,9 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
 
 @kernel
 def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats) -> None:
-    """Write the covariance (4, 4) [px^2] of the edges of a box that is expected at `box` (4,).
+    """Write the covariance (4, 4) [px^2] of the edges of a box expected at `box` (left, top, right, bottom) to `noise`.
 
-    The gait variance is multiplied by `lasting`.
+    `rates` are the detectors' parameters, `lasting` the factor of the time-correlated variance of the centre.
     """
     width, height = box[2] - box[0], box[3] - box[1]
     noise[:] = 0.0
@@ -95,9 +109,9 @@ def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats)
 
 @kernel
 def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats) -> bool:
-    """Write the covariance (4, 4) of ground position `j` times `factor` to `noise`.
+    """Write the covariance (4, 4) of the ground position `boxes.box[j]` = (x, y, x, y), times `factor`, to `noise`.
 
-    False, without a change, if j is a box. Rows 2 and 3 are not observed: `UNOBSERVED_VARIANCE`.
+    The second x and y count as unobserved (`UNOBSERVED_VARIANCE`). Return False, and write nothing, if j is a box.
     """
     if boxes.covariance.shape[0] == 0 or math.isnan(boxes.covariance[j, 0]):
         return False
@@ -111,7 +125,11 @@ def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats
 
 @kernel
 def biased(box: Floats, bias: Floats, out: Floats) -> None:
-    """Write the box (4,) that a detector reports for a true outline (4,), given its bias (4,)."""
+    """Write the box that a detector with systematic error `bias` (4,) reports for the true outline `box` (4,) to `out`.
+
+    Boxes are left, top, right, bottom [px]; the bias is of centre x, width, centre y and height, as shares of the box's
+    height, width, height and height.
+    """
     width, height = box[2] - box[0], box[3] - box[1]
     u, v = 0.5 * (box[0] + box[2]) + bias[0] * height, 0.5 * (box[1] + box[3]) + bias[2] * height
     half_w, half_h = 0.5 * width * (1.0 + bias[1]), 0.5 * height * (1.0 + bias[3])
@@ -120,14 +138,13 @@ def biased(box: Floats, bias: Floats, out: Floats) -> None:
 
 @kernel
 def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread: Floats) -> tuple[float, float]:
-    """Log density of the residual of the edges in use, and its squared Mahalanobis distance.
+    """Return the Gaussian log density of a residual over the edges in use, and its squared Mahalanobis distance.
 
     Args:
-        off: (4,) innovation: edges minus expected edges [px].
-        inverse: (4, 4) written: inverse of the innovation's covariance, with `UNOBSERVED_VARIANCE` for edges that are
-            not used.
+        off: (4,) residual of left, top, right, bottom: observed minus expected [px].
+        inverse: (4, 4) written: inverse of the residual's covariance, with `UNOBSERVED_VARIANCE` for edges not in use.
         use: (4,) edges in use.
-        noise: (4, 4) covariance R of the edges.
+        noise: (4, 4) measurement covariance R of the edges.
         spread: (4, 4) covariance H P H' of the expected edges.
     """
     S = np.empty((4, 4))
@@ -148,7 +165,7 @@ def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread:
 
 @kernel
 def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
-    """Log density [1/px per edge] of the edges in `use` (4,) of a clutter box (4,).
+    """Return the log density of the edges in `use` (4,) of a clutter box (left, top, right, bottom) [1/px per edge].
 
     The position is uniform in a width x height image [px], the size uniform on a logarithmic scale.
     """
@@ -167,10 +184,10 @@ def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
 def add_axis_precision(
     noise: Floats, axis: int, low: bool, high: bool, low_weight: float, high_weight: float, both: float, out: Floats
 ) -> None:
-    """Add the weighted precision of the observed edges of one axis to `out` (4, 4), in place.
+    """Add the weighted inverse covariance of the observed edges of one image axis to `out` (4, 4), in place.
 
     Args:
-        noise: (4, 4) covariance of the edges.
+        noise: (4, 4) covariance of left, top, right, bottom [px^2].
         axis: 0: left and right, 1: top and bottom.
         low: the left or top edge is observed.
         high: the right or bottom edge is observed.
@@ -194,9 +211,10 @@ def add_axis_precision(
 
 @kernel
 def add_precision(noise: Floats, use: Bools, weight: float, out: Floats) -> None:
-    """Add `weight` times the inverse covariance of the edges in use to `out` (4, 4), in place.
+    """Add `weight` times the inverse covariance of the edges in `use` (4,) to `out` (4, 4), in place.
 
-    The axes are independent, except for positions on the ground, which use the first two edges.
+    `noise` (4, 4) is the covariance of left, top, right, bottom. The image axes are independent; a ground position with
+    correlated x and y uses the first two rows.
     """
     if noise[0, 1] != 0.0 and use[0] and use[1]:
         det = noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[0, 1]

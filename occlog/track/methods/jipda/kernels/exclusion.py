@@ -22,16 +22,16 @@ EXCLUSION_GATE_CHI2 = 16.0
 def apply_exclusion(
     mean: Floats, covariance: Floats, weight: Floats, position: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
-    """Apply the exclusion prior to the states of all pairs of people, in place.
+    """Multiply the states of all pairs of people by the exclusion prior 1 - exp(-d^2 / (2 s^2)), in place.
 
     Args:
-        mean: (N, A, 6) states of N people by A models, position (x, y) first.
-        covariance: (N, A, 6, 6) covariances of the states.
-        weight: (N, A) factors, multiplied by the share of the density that is left.
+        mean: (N, A, n) state means of N people by A motion models, position x, y first; changed.
+        covariance: (N, A, n, n) covariances of the states; changed.
+        weight: (N, A) model weights, multiplied by the share of the density that is left; changed.
         position: (N, 2) positions of the same people, from all models together.
         spread: (N, 2, 2) covariances of these positions.
-        existence: (N,) probability that a person is there, < 1.
-        s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the positions.
+        existence: (N,) existence probabilities, < 1.
+        s: exclusion radius in the unit of the positions, > 0.
     """
     s2 = s * s
     for i in range(position.shape[0]):
@@ -46,14 +46,16 @@ def apply_exclusion(
 
 @kernel
 def _without(mean: Floats, covariance: Floats, position: Floats, spread: Floats, existence: float, s2: float) -> float:
-    """Multiply one Gaussian by 1 - p exp(-d^2 / (2 s^2)), with d the distance to another person; return its new weight.
+    """Multiply a Gaussian state by 1 - p exp(-d^2 / (2 s^2)), d the distance to another person; match its moments.
+
+    Return the share of the density that is left, 0 to 1.
 
     Args:
-        mean: (6,), changed in place.
-        covariance: (6, 6), changed in place.
-        position: (2,) position of the other person.
+        mean: (n,) state, position first; changed in place.
+        covariance: (n, n) covariance of the state; changed in place.
+        position: (2,) mean position of the other person.
         spread: (2, 2) covariance of this position.
-        existence: p, probability that the other is there.
+        existence: p, existence probability of the other person.
         s2: square of s.
     """
     # r = x_i - x_j has mean (x, y) and covariance P; times exp(-r^2 / 2 s^2): s^2 G r and s^2 G P, G = (P + s^2)^-1

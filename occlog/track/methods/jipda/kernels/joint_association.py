@@ -52,7 +52,13 @@ DEPTH_OF_WIDTH = 0.1
 
 
 class PredictedBoxes(NamedTuple):
-    """Expected boxes, depths and spreads of N people in one frame, predicted from the cavity."""
+    """Predictions of N people for one frame, from the belief without this frame's own factor (the cavity).
+
+    State `mean` (N, 6) and `covariance`, `existence`, expected outline and its Jacobian H (N, 4, 6), the `box` (N, 4)
+    [px] as the detector reports it, covariances (N, 4, 4) of its edges: `spread` H P H', `noise` in association and
+    `update_noise` in the update; `depth` along the optical axis (negative: out of view), standard deviations of the
+    centre across the image [px] and of the depth, and the probability that the feet are covered.
+    """
 
     mean: Floats  # (N, 6)
     covariance: Floats  # (N, 6, 6)
@@ -70,7 +76,11 @@ class PredictedBoxes(NamedTuple):
 
 
 class BoxAssociation(NamedTuple):
-    """Association probabilities of m boxes of a frame with N people and K pairs, given existence."""
+    """Association probabilities of the m boxes of a frame with N people and K touching pairs, given that they exist.
+
+    `beta` (N, m): the box is the person's alone; `joint` (K, 2, m): the box is the merged detection of the pair, given
+    the existence of its first or second member; `ratio` (N,): likelihood ratio of existence by all boxes of the frame.
+    """
 
     beta: Floats  # (N, m) the box is the person's alone
     joint: Floats  # (K, 2, m) the box is the first and the second one's of a pair together
@@ -78,7 +88,11 @@ class BoxAssociation(NamedTuple):
 
 
 class MapHypothesis(NamedTuple):
-    """Most probable hypothesis (box, merged box or miss) of each of N people in a frame."""
+    """Most probable hypothesis of each of N people in a frame, other than a miss: a box alone, or a merged one.
+
+    Columns (N,): `probability`, `box` within the frame (-1: no box is possible), `pair` of a merged box (-1: the box is
+    of the person alone), and `side`, 0 or 1: whether the person is the first or second of the pair.
+    """
 
     probability: Floats  # (N,)
     box: Ints  # (N,) within the frame
@@ -87,7 +101,12 @@ class MapHypothesis(NamedTuple):
 
 
 class StepStatistics(NamedTuple):
-    """Expected counts of a time step from which detector parameters are learned; L frames, M boxes."""
+    """Expected counts of a time step from which detector parameters are learned; L frames, M boxes.
+
+    `cuts` (2,): boxes that end where the cover of the feet begins, and boxes of people with covered feet; `wrong` (2,):
+    boxes with an outlier edge, and all boxes; `odd` (M,): probability that an edge of the box is an outlier or cut;
+    `merges` (L, 2): touching pairs detected as one box, and touching pairs detected at all.
+    """
 
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people with covered feet
     wrong: Floats  # (2,) boxes with an outlier edge, and all boxes
@@ -96,7 +115,14 @@ class StepStatistics(NamedTuple):
 
 
 class JipdaResult(NamedTuple):
-    """Result of the update of N people by L frames with M boxes."""
+    """Result of the JIPDA update of N people by L frames with M boxes.
+
+    Updated `mean` (N, 6), `covariance` and `existence`; `information` and `vector`, the product of all frames' Gaussian
+    factors in information form; `missed` (N,), probability of a miss in all frames at once, given existence; `visible`
+    and `detection` (L, N), visible share (NaN: out of view) and detection probability; `beta` and `joint` (N, M),
+    association probabilities of a box alone and merged with a neighbour, given existence; `free` (M,), probability that
+    a box is of none of the people; `owner` (M,), likeliest person (-1: none); and the counts of `StepStatistics`.
+    """
 
     mean: Floats  # (N, 6)
     covariance: Floats  # (N, 6, 6)
@@ -118,14 +144,16 @@ class JipdaResult(NamedTuple):
 
 @kernel_part
 def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorModel, predicted: PredictedBoxes) -> None:
-    """Write the expected boxes, their covariances and depths, predicted from the states of the cavity.
+    """Write the expected boxes, their covariances and depths in a camera, predicted from the states in `predicted`.
+
+    `existence` and `covered` are not written. People out of view get the depth -1, and nothing else.
 
     Args:
-        views: cameras.
+        views: cameras and position sensors.
         c: index of the camera.
         delay: how much later than the time step the frame is [s].
         rates: parameters of the cameras' detectors.
-        predicted: `mean` and `covariance` are read, the others written but `existence` and `covered`.
+        predicted: `mean` and `covariance` are read, the other fields written.
     """
     m, P = predicted.mean, predicted.covariance
     cells = np.empty((ROWS, COLUMNS))
@@ -159,10 +187,18 @@ def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorMod
 def detection_probabilities(
     views: PackedCameras, c: int, rates: DetectorModel, predicted: PredictedBoxes, visible: Floats, detection: Floats
 ) -> None:
-    """Write visible shares (N,), detection probabilities (N,), and the probability that the feet are occluded.
+    """Write the visible shares (N,) and detection probabilities (N,) of people in camera `c`, and `predicted.covered`.
 
-    The last is written to `predicted.covered`. A detection probability is that of an unoccluded person in camera `c`
-    times the detector's curve of the visible share; it is 0, and the share NaN, out of view.
+    A detection probability is that of an unoccluded person times the detector's curve at the visible share; out of view
+    it is 0, and the share NaN. `covered` is the probability that the feet are occluded.
+
+    Args:
+        views: cameras and static occluders.
+        c: index of the camera.
+        rates: parameters of the cameras' detectors.
+        predicted: expected boxes and depths; `covered` is written.
+        visible: (N,) written.
+        detection: (N,) written.
     """
     cells = np.empty((ROWS, COLUMNS))
     p = predicted
@@ -177,9 +213,13 @@ def detection_probabilities(
 
 @kernel_part
 def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, detection: Floats) -> None:
-    """Multiply detection probabilities (N,) by the probability of not being merged with a neighbour, in place.
+    """Multiply the detection probabilities (N,) by the probability of not being merged with a neighbour, in place.
 
-    `pair` (K, 2) are people who touch, `merge` the probability that two such are one box, `existence` (N,).
+    Args:
+        pair: (K, 2) indices of people who touch in the image.
+        merge: probability that two people who touch are detected as one box.
+        existence: (N,) existence probabilities.
+        detection: (N,) changed.
     """
     for k in range(pair.shape[0]):
         a, b = pair[k]
@@ -189,14 +229,14 @@ def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, 
 
 @kernel_part
 def missed_detection_ratio(existence: Floats, detection: Floats, frames: int) -> Floats:
-    """Log likelihood ratios of existence (N,) of a frame without boxes: all people are missed, or the frame is blind.
+    """Return log likelihood ratios of existence (N,) from a frame without boxes: all were missed, or it is blind.
 
-    A blind frame, of probability `BLIND_FRAME_PROBABILITY`, counts once for all people and all frames that are blind
-    together.
+    A ratio is log(1 - P_D), but at least log(`BLIND_FRAME_PROBABILITY`) over the expected number of detections (at
+    least 1) and over `frames`: one blind event counts once for all people and all frames that are blind together.
 
     Args:
         existence: (N,) existence probabilities.
-        detection: (N,) probabilities of detection.
+        detection: (N,) probabilities of detection P_D.
         frames: number of frames that are blind if this one is.
     """
     expected = 0.0
@@ -213,18 +253,18 @@ def missed_detection_ratio(existence: Floats, detection: Floats, frames: int) ->
 def associate_frame(
     existence: Floats, detection: Floats, ratio: Floats, pair: Ints, pair_ratio: Floats, new: float
 ) -> BoxAssociation:
-    """Association probabilities and likelihood ratios of existence, by loopy belief propagation.
+    """Associate the m boxes of a frame with N people and K pairs, by loopy belief propagation.
 
     With r the existence probability, P_D the detection probability, l the likelihood ratio and b the ratio of new
     people to clutter, the weight of "box j is person i's" against "i is missed and j is clutter or new" is r P_D l /
-    ((1 - r P_D) (1 + b)).
+    ((1 - r P_D) (1 + b)). The result has association probabilities and likelihood ratios of existence.
 
     Args:
         existence: (N,) existence probabilities r.
         detection: (N,) detection probabilities P_D.
-        ratio: (N, m) likelihood ratios l of person and box.
-        pair: (K, 2) people who touch.
-        pair_ratio: (K, m) likelihood ratios of the pairs' outlines, with the probabilities of detection and of merging.
+        ratio: (N, m) likelihood ratios l of person and box, against clutter.
+        pair: (K, 2) indices of people who touch in the image.
+        pair_ratio: (K, m) likelihood ratios of merged boxes, with the probabilities of detection and of merging.
         new: b, expected number of boxes of new people over that of clutter.
     """
     N, M, K = ratio.shape[0], ratio.shape[1], pair.shape[0]
@@ -261,9 +301,10 @@ def associate_frame(
 
 @kernel_part
 def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
-    """Most probable hypothesis of each person: a box alone, a box merged with a neighbour, or no box (box -1).
+    """Return the most probable box of each person, alone or merged with a neighbour.
 
-    `beta` (N, m) and `joint` (K, 2, m) are association probabilities as in `BoxAssociation`, `pair` (K, 2) the pairs.
+    A miss is not compared; box -1 only where no box has a positive probability. `beta` (N, m) and `joint` (K, 2, m) are
+    association probabilities given existence, `pair` (K, 2) the indices of the people of each pair.
     """
     N, M = beta.shape
     best, box = np.zeros(N), np.full(N, -1)
@@ -288,13 +329,13 @@ def marginal_probabilities(
     """Write a frame's association probabilities by person and box, unassigned probabilities, and MAP assignments.
 
     Args:
-        existence: (N,) before the frame.
-        found: association of the frame.
-        pair: (K, 2) people who touch.
-        beta: (N, m) written: boxes of the person alone.
-        joint: (N, m) written: boxes of the person together with a neighbour.
+        existence: (N,) existence probabilities before the frame.
+        found: association of the frame, given existence.
+        pair: (K, 2) indices of people who touch in the image.
+        beta: (N, m) written: probability that a box is of the person alone, given existence.
+        joint: (N, m) written: probability that a box is merged with a neighbour's, given existence.
         free: (m,) written: probability that a box is of none of the people.
-        owner: (m,) written: most probable person of each box; -1: none.
+        owner: (m,) written: index of the most probable person of each box alone; -1: none.
     """
     N, M = beta.shape
     beta[:], joint[:], free[:], owner[:] = found.beta, 0.0, 1.0, -1
@@ -324,12 +365,12 @@ def add_hypothesis(
 
     Args:
         precision: (6, 6) inverse of the prior's covariance.
-        H: (4, 6) Jacobian of the edges.
-        W: (4, 4) precision of the edges.
-        off: (4,) edges minus the expected ones.
+        H: (4, 6) Jacobian of the box edges.
+        W: (4, 4) inverse covariance of the edges; zero rows for unobserved ones.
+        off: (4,) observed minus expected edges [px].
         probability: probability of the hypothesis.
-        first: (6,) first moment, changed.
-        second: (6, 6) second moment, changed.
+        first: (6,) first moment, changed in place.
+        second: (6, 6) second moment, changed in place.
     """
     HW = H.T @ W
     P = precision + HW @ H
@@ -345,11 +386,12 @@ def add_hypothesis(
 def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
     """Make an information matrix (6, 6) positive semidefinite, in place.
 
-    Negative eigenvalues are set to 0 in coordinates in which P, the covariance of the cavity, is the identity.
+    Negative eigenvalues are set to 0 in coordinates in which P, the covariance of the belief without it, is the
+    identity.
 
     Args:
-        information: changed.
-        P: (6, 6) of the belief without it.
+        information: (6, 6) changed.
+        P: (6, 6) covariance of the belief before this information is added.
         precision: (6, 6) inverse of P.
     """
     L, axes = np.empty((6, 6)), np.empty((6, 6))
@@ -379,24 +421,24 @@ def expectation_propagation_site(
     information: Floats,
     vector: Floats,
 ) -> None:
-    """Write the site (6, 6), (6,) of a frame for person i: the Gaussian factor in information form.
+    """Write a frame's factor for person i (the site): a Gaussian in information form, `information` and `vector`.
 
     JPDA: the belief after the frame has mean and covariance of the mixture over all boxes and the missed detection; the
-    site is that belief divided by the cavity. Directions in which the mixture is wider than the cavity get no
-    information. A box with a possible outlier edge makes two hypotheses, one without this edge.
+    site is that belief divided by the belief without the frame (the cavity). Directions in which the mixture is wider
+    than the cavity get no information. A box with a possible outlier edge makes two hypotheses, one without this edge.
 
     Args:
-        predicted: people in the frame, from the cavity.
+        predicted: people in the frame, predicted from the cavity.
         i: index of the person.
         boxes: frames of the time step with their M boxes, packed.
         start: first box of the frame.
         stop: one after its last box; m boxes.
         whole: (m,) probability that no edge of a box is an outlier.
-        outlier: (m,) the edge that may be one.
+        outlier: (m,) index of the edge that may be one; -1: none.
         beta: (m,) association probabilities of boxes of the person alone, given existence.
-        pair: (K, 2) people who touch.
-        joint: (K, 2, m) association probabilities of outlines of a pair.
-        own: (K, 4) probability that the edges of an outline are the first person's of the pair.
+        pair: (K, 2) indices of people who touch in the image.
+        joint: (K, 2, m) association probabilities of merged boxes, given existence of the first or second of the pair.
+        own: (K, 4) probability that an edge of a merged box is the first person's of the pair.
         information: (6, 6) written.
         vector: (6,) written.
     """
@@ -447,15 +489,17 @@ def count_edges(
     best: MapHypothesis,
     counts: StepStatistics,
 ) -> None:
-    """Add the outlier edges of a frame's boxes to the expected `counts`, in place; boxes of two people are omitted.
+    """Add the expected numbers of truncated and outlier edges of a frame's boxes to `counts`, in place.
+
+    Each person's most probable box counts; merged boxes of two people are omitted.
 
     Args:
         boxes: frames of the time step with their M boxes, packed.
         start: index of the frame's first box.
         predicted: people in the frame.
-        likelihoods: likelihood ratios of the frame's boxes.
-        best: most probable hypothesis of each person.
-        counts: changed.
+        likelihoods: likelihood ratios and outlier probabilities of the frame's boxes.
+        best: most probable box of each person.
+        counts: `cuts`, `wrong` and `odd` are changed.
     """
     for i in range(predicted.mean.shape[0]):
         if best.probability[i] <= MIN_ASSOCIATION or best.pair[i] >= 0:
@@ -474,9 +518,10 @@ def count_edges(
 
 @kernel_part
 def count_merges(existence: Floats, found: BoxAssociation, pair: Ints, merges: Floats) -> None:
-    """Add the expected numbers of merged and of detected pairs to `merges` (2,), in place.
+    """Add the expected numbers of pairs detected as one box, and of pairs detected at all, to `merges` (2,), in place.
 
-    `pair` (K, 2) are people who touch, `existence` (N,) probabilities of all, `found` the frame's association.
+    `pair` (K, 2) are indices of people who touch in the image, `existence` (N,) existence probabilities, `found` the
+    frame's association probabilities.
     """
     for k in range(pair.shape[0]):
         a, b = pair[k]
@@ -500,19 +545,19 @@ def update_targets(
     gate: float,
     hidden: Floats,
 ) -> JipdaResult:
-    """Update all people by the frames of one time step, by expectation propagation.
+    """Update N people by the frames of one time step, by expectation propagation with joint association in each frame.
 
     Args:
-        mean: (N, 6) predicted.
-        covariance: (N, 6, 6) covariances of the states.
-        existence: (N,) existence probabilities.
-        views: cameras.
-        boxes: frames of the time step with their M boxes, packed.
+        mean: (N, 6) predicted x, y, vx, vy, height, width.
+        covariance: (N, 6, 6) covariances of these states.
+        existence: (N,) predicted existence probabilities.
+        views: C cameras and position sensors.
+        boxes: L frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        log_features: (N, M) log-likelihood ratios of hints and appearance.
-        new: expected number of boxes of people who are not among the N, as a share of the false alarms.
+        log_features: (N, M) log-likelihood ratios of tracklet ids, appearance and persistent clutter.
+        new: expected number of boxes of people who are not among the N, relative to that of false alarms.
         gate: greatest squared Mahalanobis distance of a box.
-        hidden: (N, C) probability that something unknown hides the person from the camera.
+        hidden: (N, C) probability that an unmodelled obstacle hides the person from the camera.
     """
     N, L, M = mean.shape[0], boxes.camera.shape[0], boxes.box.shape[0]
     m, P = mean.copy(), covariance.copy()

@@ -33,7 +33,12 @@ EDGE_GATE = 2.0
 
 
 class Likelihoods(NamedTuple):
-    """Likelihood ratios of m boxes of a frame against clutter, for N people."""
+    """Likelihood ratios of the m boxes of a frame for N people, against clutter, with possible outlier edges.
+
+    `ratio` (N, m) is 0 outside the gate; `whole` (N, m) is the probability that no edge is an outlier, given that the
+    box is the person's, and `outlier` (N, m) the index (left, top, right, bottom) of the likeliest outlier edge; -1:
+    none.
+    """
 
     ratio: Floats  # (N, m) 0: outside the gate
     whole: Floats  # (N, m) probability that no edge is an outlier, given that the box is the person's
@@ -42,12 +47,15 @@ class Likelihoods(NamedTuple):
 
 @kernel
 def outlier_density(edge: int, box: Floats, below: float, cut: float, wrong: float) -> float:
-    """Density [1/px] of an edge that is an outlier, times its probability.
+    """Return the probability that an edge of a box is an outlier, times its density [1/px] then.
+
+    A lower edge above the expected one may be where the cover of the feet begins; any edge may be something else's. The
+    density is uniform; 0 for a position on the ground.
 
     Args:
         edge: index of the edge: left, top, right, bottom.
-        box: (4,) expected [px].
-        below: how far the lower edge lies below the expected one [px].
+        box: (4,) expected box [px].
+        below: observed minus expected lower edge [px]; negative: the box ends above the expected one.
         cut: probability that the box ends where the cover of the feet begins.
         wrong: probability that one of the four edges is something else's.
     """
@@ -75,21 +83,21 @@ def association_likelihood_ratios(
     log_features: Floats,
     gate: float,
 ) -> Likelihoods:
-    """Likelihood ratios of the boxes of a frame, for N people.
+    """Return likelihood ratios of the m boxes of a frame for N people against clutter, with possible outlier edges.
 
     Args:
-        box: (N, 4) expected boxes [px].
-        noise: (N, 4, 4) covariances of edges.
+        box: (N, 4) expected left, top, right, bottom [px].
+        noise: (N, 4, 4) measurement covariances of edges.
         spread: (N, 4, 4) covariances of the expected edges.
         covered: (N,) probability that the feet are covered.
-        detection: (N,) probabilities of detection.
+        detection: (N,) probabilities of detection; people below `MIN_DETECTION` are omitted.
         boxes: frames of the time step with their M boxes, packed.
         start: first box of the frame.
         stop: one after its last box.
         rates: parameters of the cameras' detectors.
         width: width of the image [px].
         height: height of the image [px].
-        log_features: (N, M) log-likelihood ratios of hints and appearance.
+        log_features: (N, M) log-likelihood ratios of tracklet ids and appearance.
         gate: greatest squared Mahalanobis distance.
     """
     N = box.shape[0]
@@ -146,7 +154,7 @@ def position_likelihood_ratios(
     gate: float,
     inflation: float,
 ) -> Likelihoods:
-    """Likelihood ratios of the positions of a frame for N people.
+    """Return likelihood ratios of the m ground positions of a frame for N people against clutter.
 
     A Gaussian mixture with a wide component for manoeuvres. Association uses one Gaussian per person, the merged motion
     models, in which a manoeuvre has hardly any weight. A share `MANOEUVRE_SHARE` of the innovations therefore gets the
@@ -154,15 +162,15 @@ def position_likelihood_ratios(
 
     Args:
         box: (N, 4) expected positions x, y in the first two columns.
-        spread: (N, 4, 4) covariances of them.
-        detection: (N,) probabilities of detection.
-        boxes: frames of the time step with their M boxes, packed.
+        spread: (N, 4, 4) covariances of the expected positions in the first two rows and columns.
+        detection: (N,) probabilities of detection; people below `MIN_DETECTION` are omitted.
+        boxes: frames of the time step with their M detections, packed.
         start: first position of the frame.
         stop: one after its last position.
-        area: that false positions are uniform in.
+        area: area [scene unit^2] in which false positions are uniform.
         log_features: (N, M) log-likelihood ratios of identities and appearance.
         gate: greatest squared Mahalanobis distance.
-        inflation: factor of the covariance of positions.
+        inflation: factor of the measurement covariance of positions.
     """
     N, count = box.shape[0], stop - start
     ratio, whole, outlier = np.zeros((N, count)), np.ones((N, count)), np.full((N, count), -1)

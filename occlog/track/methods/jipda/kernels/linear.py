@@ -54,7 +54,7 @@ def invert(matrix: Floats, out: Floats) -> float:
 
 @kernel
 def cholesky(matrix: Floats, out: Floats) -> None:
-    """Write the lower triangular L (n, n) with L L' = matrix, which is symmetric positive definite, to `out`."""
+    """Write the lower Cholesky factor L (n, n), L L' = `matrix`, of a symmetric positive definite matrix to `out`."""
     n = matrix.shape[0]
     for a in range(n):
         for b in range(n):
@@ -69,9 +69,9 @@ def cholesky(matrix: Floats, out: Floats) -> None:
 
 @kernel
 def eigen(matrix: Floats, axes: Floats) -> None:
-    """Diagonalise a symmetric (n, n) matrix in place by Jacobi rotations, and write its eigenvectors.
+    """Diagonalise a symmetric matrix (n, n) in place by Jacobi rotations; write its eigenvectors to `axes` (n, n).
 
-    The diagonal becomes the eigenvalues; column k of `axes` is the k-th eigenvector.
+    The diagonal of `matrix` becomes the eigenvalues, in no order; column k of `axes` is the k-th unit eigenvector.
     """
     n = matrix.shape[0]
     for a in range(n):

@@ -19,7 +19,9 @@ CONVERGED = 1e-5
 
 @kernel
 def box_messages(weight: Floats) -> Floats:
-    """(N, M) messages nu from boxes to people (Williams and Lau 2014, Eq. 31): availability of a box, 0 to 1.
+    """Return messages (N, M) from boxes to people (Williams and Lau 2014, Eq. 31): 0 (taken) to 1 (free).
+
+    The iteration ends at changes below `CONVERGED`, at the latest after `MAX_ITERATIONS`.
 
     Args:
         weight: (N, M) odds that person i made box j against that i made none and j is of no person; 0: outside the

@@ -36,7 +36,11 @@ MIN_EDGE_OWNERSHIP = 0.5
 
 
 class PairMessages(NamedTuple):
-    """Messages of belief propagation for N people, M boxes and K pairs."""
+    """Messages of belief propagation for N people, M boxes and K pairs, each from 0 (taken) to 1 (free).
+
+    `single` (N, M): how free each box is for each person; `pair` (K, M): for each pair; `partner` (K, 2, M): how free
+    the first and the second person of a pair are to share the box.
+    """
 
     single: Floats  # (N, M) how free each box is for each person, 0 to 1
     pair: Floats  # (K, M) how free each box is for each pair
@@ -45,13 +49,13 @@ class PairMessages(NamedTuple):
 
 @kernel
 def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
-    """List the pairs (K, 2) of people with overlapping or touching boxes in the image.
+    """Return (K, 2) indices of pairs of people with overlapping or touching boxes in an image, the lower index first.
 
     Args:
-        box: (N, 4) expected boxes [px].
-        depth: (N,) negative: not in the image.
-        across: (N,) standard deviations of the boxes' middles, across the image [px].
-        there: (N,) probabilities of existence.
+        box: (N, 4) expected left, top, right, bottom [px].
+        depth: (N,) depth along the optical axis; negative: not in the image.
+        across: (N,) standard deviations of the boxes' horizontal centres [px].
+        there: (N,) existence probabilities; pairs with one below `MIN_PAIR_EXISTENCE` are omitted.
     """
     N = box.shape[0]
     pair, count = np.empty((N * N, 2), dtype=np.int64), 0
@@ -76,18 +80,18 @@ def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats)
 def merged_box(
     a: int, b: int, drawn: Floats, noise: Floats, spread: Floats, box: Floats, whole: Floats, wide: Floats, own: Floats
 ) -> None:
-    """Write the expected merged box of two people, its noise and spread, and who owns each edge.
+    """Write the expected merged box of two people, its measurement and prediction covariance, and who owns each edge.
 
     Args:
-        a: the first.
-        b: the second.
-        drawn: (N, 4) expected boxes.
-        noise: (N, 4, 4) of their edges.
-        spread: (N, 4, 4) of the expected edges.
-        box: (4,) written: left, top, right, bottom of the outline.
-        whole: (4, 4) written: noise of its edges.
-        wide: (4, 4) written: spread of its edges.
-        own: (4,) written: probability that an edge is the first one's.
+        a: index of the first person.
+        b: index of the second person.
+        drawn: (N, 4) expected left, top, right, bottom of all people [px].
+        noise: (N, 4, 4) measurement covariances of their edges.
+        spread: (N, 4, 4) covariances of their expected edges.
+        box: (4,) written: merged box, each edge that of the probable owner.
+        whole: (4, 4) written: measurement covariance of its edges.
+        wide: (4, 4) written: covariance of its expected edges.
+        own: (4,) written: probability that an edge is the first person's.
     """
     for e in range(4):
         sign = -1.0 if e < 2 else 1.0
@@ -119,14 +123,15 @@ def pair_likelihoods(
     new: float,
     gate: float,
 ) -> tuple[Floats, Floats]:
-    """Likelihood ratios (K, m) of a frame's boxes against clutter for K pairs, and (K, 4) edge ownership.
+    """Return likelihood ratios (K, m) of a frame's m boxes as merged boxes of K pairs, and (K, 4) edge ownership.
 
-    The ratios include the probability that the pair is detected as one box.
+    A ratio is against clutter or a new person, includes the probability that the pair is detected as one box, and is 0
+    outside the gate. Ownership is the probability that an edge is the first person's.
 
     Args:
-        pair: (K, 2) people who touch.
-        box: (N, 4) expected boxes [px].
-        noise: (N, 4, 4) covariances of edges.
+        pair: (K, 2) indices of people who touch in the image.
+        box: (N, 4) expected left, top, right, bottom [px].
+        noise: (N, 4, 4) measurement covariances of edges.
         spread: (N, 4, 4) covariances of the expected edges.
         visible: (N,) visible shares.
         boxes: frames of the time step with their M boxes, packed.
@@ -136,7 +141,7 @@ def pair_likelihoods(
         c: index of the camera.
         width: width of the camera's image [px].
         height: height of the camera's image [px].
-        new: expected number of boxes of new people, as a share of the false alarms.
+        new: expected number of boxes of new people, relative to that of false alarms.
         gate: greatest squared Mahalanobis distance.
     """
     ratio, own = np.zeros((pair.shape[0], stop - start)), np.empty((pair.shape[0], 4))
@@ -164,14 +169,14 @@ def pair_likelihoods(
 
 @kernel
 def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, beta: float, out: Floats) -> None:
-    """Add the precision of those edges of a merged box that belong to one person to `out` (4, 4), in place.
+    """Add the inverse covariance of those edges of a merged box that belong to one person to `out` (4, 4), in place.
 
     Args:
-        noise: (4, 4) covariance of the person's edges.
+        noise: (4, 4) measurement covariance of the person's edges left, top, right, bottom.
         use: (4,) edges in use.
         own: (4,) probabilities that the edges are the first person's of the pair.
-        first: the person is the first; else the second.
-        beta: how far the outline counts.
+        first: the person is the first of the pair; else the second.
+        beta: weight, such as the probability of the merged detection.
         out: (4, 4) changed.
     """
     for axis in range(2):
@@ -184,11 +189,11 @@ def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, beta: 
 
 @kernel
 def pair_messages(weight: Floats, pair: Ints, joint: Floats) -> PairMessages:
-    """Messages of belief propagation with boxes of one and of two people.
+    """Return the messages of loopy belief propagation with boxes of one person and merged boxes of two.
 
     Args:
-        weight: (N, M) odds that person i alone made box j, as in `marginals.box_messages`.
-        pair: (K, 2) people.
+        weight: (N, M) odds that person i alone made box j, against that i made none and j is of no person.
+        pair: (K, 2) indices of the people of each pair.
         joint: (K, M) odds that a pair made box j together, against that neither made any and j is of no person.
     """
     N, M = weight.shape

@@ -38,9 +38,14 @@ MIN_UNASSIGNED_PROBABILITY = 0.2
 
 
 class TrackedPeople(NamedTuple):
-    """Predicted tracks, projected into the frames of a time step; N people, L frames."""
+    """Existing tracks, projected into the L frames of a time step; N people.
 
-    existence: Floats  # (N,)
+    `existence` (N + 1,), expected `box` (L, N + 1, 4) [px], `depth` (L, N + 1) along the optical axis (negative: not in
+    front of the camera), and standard deviations of the box's horizontal centre `across` (L, N + 1) [px] and of the
+    depth `deep` (N + 1,). The last entry of each is free for a proposed new person.
+    """
+
+    existence: Floats  # (N + 1,)
     box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
     depth: Floats  # (L, N + 1) along the optical axis; negative: not in front of the camera
     across: Floats  # (L, N + 1) standard deviation of the box's middle, across the image [px]
@@ -48,7 +53,12 @@ class TrackedPeople(NamedTuple):
 
 
 class BirthIntensity(NamedTuple):
-    """Expected numbers of new people since the last time step, as a map over the ground plane."""
+    """Expected numbers of new people since the last time step, as a map over the ground plane.
+
+    `everywhere` is a uniform intensity [1/scene unit^2]; the intensities `at` (G,) are added at `centre` (G, 2),
+    falling off as Gaussians of standard deviation `smooth`. `in_image` is the greatest expected number in one image: it
+    bounds the intensity where people are small in the image.
+    """
 
     everywhere: float  # a unit of area
     in_image: float  # in an image: what is far away and small in it counts less
@@ -59,10 +69,10 @@ class BirthIntensity(NamedTuple):
 
 @kernel
 def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
-    """Write the intersection (2,) of the line of sight of pixel (u, v) of camera c with the plane at height z.
+    """Write the world x, y (2,) where the ray of pixel (u, v) of camera c meets the horizontal plane at height z.
 
-    Return False, without writing, if it is behind the camera or parallel. Lens distortion is ignored: the position
-    starts an iteration.
+    Return False, without writing, if that is behind the camera or the ray is parallel. Lens distortion is ignored: the
+    position starts an iteration.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -80,7 +90,7 @@ def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: floa
 
 @kernel
 def arrivals_at(arrival: BirthIntensity, mean: Floats) -> float:
-    """Birth intensity (expected new people per unit of area) at the position of the state `mean` (6,)."""
+    """Return the birth intensity (expected new people per unit of area) at the position of the state `mean` (6,)."""
     expected_new = arrival.everywhere
     for g in range(arrival.centre.shape[0]):
         dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
@@ -102,11 +112,21 @@ def state_from_box(
     mean: Floats,
     covariance: Floats,
 ) -> float:
-    """Write state (6,) and covariance (6, 6) of a new person that made box `j`; return the log marginal density.
+    """Write the state and covariance of a new person that made box `j`; return the log marginal density of the box.
 
-    The density is that of the box times the birth intensity, integrated over the state; NaN if no person can have made
-    the box. `c` is the box's camera; `body` (5,) are height and its deviation, width and its deviation, and the
-    deviation of a velocity.
+    The density is that of the box times the birth intensity, integrated over the state (Laplace approximation by four
+    Gauss-Newton steps); NaN if no person can have made the box.
+
+    Args:
+        views: cameras and position sensors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
+        body: (5,) mean height and its deviation, mean width and its deviation, deviation of a velocity per axis.
+        arrival: expected numbers of new people.
+        c: index of the box's camera.
+        j: index of the box.
+        mean: (6,) written: x, y, vx, vy, height, width.
+        covariance: (6, 6) written.
     """
     box, usable = boxes.box[j], boxes.usable[j]
     if views.lens[c, MODEL] == GROUND_PLANE:
@@ -172,9 +192,10 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """Project N tracked people into each frame of a time step.
+    """Project N existing tracks into each of the L frames of a time step.
 
-    `people` are (N, 6) states, `spread` (N,) standard deviations of their positions, `existence` (N,) probabilities.
+    `people` are (N, 6) states x, y, vx, vy, height, width, `spread` (N,) standard deviations of their positions per
+    axis, `existence` (N,) probabilities. Delays of frames are ignored.
     """
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
@@ -205,22 +226,24 @@ def propose_track(
     covariance: Floats,
     used: Floats,
 ) -> float:
-    """Log odds that a new person made box `seed`; writes the state and the associated boxes.
+    """Return the log odds that box `seed` and boxes of the other frames are of one new person; write its state.
+
+    -inf if no person of plausible height can have made the box.
 
     Args:
-        views: cameras.
+        views: cameras and position sensors.
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        body: (5,) mean height and its deviation, mean width and its deviation, deviation of a velocity per axis.
         arrival: expected numbers of new people.
-        tracked: people who are tracked already.
+        tracked: existing tracks, which may occlude the new person; their last entry is overwritten.
         free: (M,) probability that a box is of no tracked person.
-        frame: index of the frame of the box that proposes.
+        frame: index of the frame of box `seed`.
         seed: index of the box that proposes.
         gate: greatest squared Mahalanobis distance.
-        mean: (6,) written.
+        mean: (6,) written: x, y, vx, vy, height, width.
         covariance: (6, 6) written.
-        used: (M,) written: share with which a box is of the new person.
+        used: (M,) written: probability that each box is of the new person.
     """
     c = boxes.camera[frame]
     used[:] = 0.0
@@ -300,20 +323,24 @@ def initiate_targets(
     gate: float,
     least: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Initiate tracks from unassigned boxes: mean (K, 6), covariance (K, 6, 6), log odds (K,), associations (K, M).
+    """Initiate K tracks from unassigned boxes, the most probable first.
 
     Args:
-        views: cameras.
+        views: cameras and position sensors.
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        body: (5,) mean height and its deviation, mean width and its deviation, deviation of a velocity per axis.
         arrival: expected numbers of new people.
-        people: (N, 6) people who are tracked already.
-        spread: (N,) standard deviation of these people's positions.
-        existence: (N,) existence probabilities of these people.
-        free: (M,) probability that a box is of no tracked person.
+        people: (N, 6) states of the existing tracks.
+        spread: (N,) standard deviations of these positions per axis.
+        existence: (N,) existence probabilities of these tracks.
+        free: (M,) probability that a box is of no existing track.
         gate: greatest squared Mahalanobis distance.
         least: log odds below which no track is initiated.
+
+    Returns:
+        Means (K, 6) x, y, vx, vy, height, width; covariances (K, 6, 6); log odds (K,) of a person against clutter;
+        probabilities (K, M) that a box is of the new track.
     """
     M, L = boxes.box.shape[0], boxes.camera.shape[0]
     open_share = free.copy()

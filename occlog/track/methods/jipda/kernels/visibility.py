@@ -36,10 +36,10 @@ def normal_cdf(z: float) -> float:
 
 @kernel
 def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
-    """Return whether a person at (x, y) is in range of camera `c`, with a cell of the box (4,) in its image.
+    """Return whether a person at (x, y) is in range of camera `c`, with a cell of the `box` (4,) [px] in its image.
 
-    Write the `cells` (ROWS, COLUMNS): 1 in the image, else 0. A position sensor covers a rectangle of the ground, and
-    detects everyone in it.
+    Write the grid `cells` (ROWS, COLUMNS) of the box: 1 inside the image, else 0. A position sensor covers a rectangle
+    of the ground, with all cells 1.
     """
     if views.lens[c, MODEL] == GROUND_PLANE:
         cells[:] = 1.0
@@ -63,19 +63,19 @@ def visibility(
     existence: Floats,
     cells: Floats,
 ) -> float:
-    """Expected visible share, 0 to 1, of person i in camera c, given the border, static occluders and other people.
+    """Return the expected visible share, 0 to 1, of person i in camera c, given border, static occluders and people.
 
     Args:
         views: cameras and static occluders.
         c: index of the camera.
-        state: (6,) of the person.
+        state: (6,) x, y, vx, vy, height, width of the person.
         i: index of the person among the N people.
-        box: (N, 4) expected boxes [px].
-        depth: (N,) along the optical axis; negative: not in front of the camera.
-        spread_px: (N,) standard deviation of the box's middle, across the image [px].
+        box: (N, 4) expected left, top, right, bottom [px].
+        depth: (N,) depth along the optical axis; negative: not in front of the camera.
+        spread_px: (N,) standard deviation of the box's horizontal centre [px].
         spread_depth: (N,) standard deviation of the depth, > 0.
-        existence: (N,) probabilities that the others are there.
-        cells: (ROWS, COLUMNS) written: probability that a cell is seen.
+        existence: (N,) existence probabilities of the people.
+        cells: (ROWS, COLUMNS) written: probability that each cell of the person's box is visible; top row first.
     """
     if views.lens[c, MODEL] == GROUND_PLANE:
         cells[:] = 1.0
@@ -88,7 +88,10 @@ def visibility(
 
 @kernel
 def visible_feet(cells: Floats) -> float:
-    """Visible share of the feet: the mean over the lowest row of `cells` (ROWS, COLUMNS)."""
+    """Return the expected visible share of the feet: the mean over the lowest row of `cells` (ROWS, COLUMNS).
+
+    `cells` are the probabilities that the cells of a person's box are visible.
+    """
     bottom = 0.0
     for column in range(COLUMNS):
         bottom += cells[ROWS - 1, column]
@@ -97,7 +100,10 @@ def visible_feet(cells: Floats) -> float:
 
 @kernel
 def centre_deviation(spread: Floats) -> float:
-    """Horizontal standard deviation [px] of a box's centre, from the covariance (4, 4) of its edges."""
+    """Return the standard deviation [px] of a box's horizontal centre.
+
+    `spread` (4, 4) is the covariance of the edges left, top, right, bottom [px^2].
+    """
     return math.sqrt(0.25 * max(spread[0, 0] + 2.0 * spread[0, 2] + spread[2, 2], 0.0))
 
 
@@ -111,16 +117,16 @@ def cells_unoccluded_by(
     existence: Floats,
     cells: Floats,
 ) -> None:
-    """Multiply the visibility (ROWS, COLUMNS) of person i by the probability that no other person occludes the cell.
+    """Multiply the visibility of the cells of person i by the probability that no other person occludes each, in place.
 
     Args:
-        i: the person.
-        boxes: (N, 4) expected boxes [px].
-        depth: (N,) along the optical axis; negative: not in front of the camera.
-        spread_px: (N,) standard deviation of the box's middle, across the image [px].
+        i: index of the person.
+        boxes: (N, 4) expected left, top, right, bottom [px].
+        depth: (N,) depth along the optical axis; negative: not in front of the camera.
+        spread_px: (N,) standard deviation of the box's horizontal centre [px].
         spread_depth: (N,) standard deviation of the depth, > 0.
-        existence: (N,) probabilities that the others are there.
-        cells: (ROWS, COLUMNS) in place, from the top and from the left.
+        existence: (N,) existence probabilities of the people.
+        cells: (ROWS, COLUMNS) probabilities of visibility of the cells of the person's box, top row first; changed.
     """
     left, top, right, bottom = boxes[i]
     for j in range(boxes.shape[0]):
@@ -148,9 +154,9 @@ def cells_unoccluded_by(
 
 @kernel
 def inside_image(box: Floats, width: float, height: float, cells: Floats) -> float:
-    """Set the `cells` (ROWS, COLUMNS) of a box (4,) to 1 inside a width x height image [px] and to 0 outside.
+    """Write the grid `cells` (ROWS, COLUMNS) of a `box` (4,): 1 inside a width x height image [px], 0 outside.
 
-    Return the share inside.
+    Return the share of the cells inside.
     """
     count = 0
     for row in range(ROWS):
@@ -167,7 +173,7 @@ def inside_image(box: Floats, width: float, height: float, cells: Floats) -> flo
 def occlude_by_static(
     views: PackedCameras, c: int, x: float, y: float, height: float, width: float, cells: Floats
 ) -> None:
-    """Set the cells (ROWS, COLUMNS) of a person that a static occluder hides from camera c to 0, in place.
+    """Set those cells (ROWS, COLUMNS) of a person to 0 that a static occluder hides from camera c, in place.
 
     Cells are points of the upright rectangle through the person's axis that faces the camera. A line of sight passes
     above an occluder if it is higher than its top over the whole crossing; an occluder around the camera hides nothing.
@@ -179,7 +185,7 @@ def occlude_by_static(
         y: second coordinate of the person on the floor.
         height: height of the person.
         width: width of the person.
-        cells: visibility of the person's cells, from the top and from the left; changed.
+        cells: probability of visibility of the person's cells, top row first; changed.
     """
     if views.top.shape[0] == 0 or views.lens[c, MODEL] == GROUND_PLANE:
         return

@@ -19,18 +19,19 @@ SPELL_S, SPELL_SIGMA = 5.0, 0.03
 
 
 def bias_information(share: Floats, dt: float) -> float:
-    """Information (inverse variance) about the body bias gained in `dt` seconds.
+    """Return the information (inverse variance, in box heights^-2) about the body bias gained in `dt` seconds.
 
-    `share` (n,) of `body_bias_shift` is how one-sidedly cameras see each person, 1 if from one side.
+    `share` (n,) of each tracked person, from `body_bias_shift`, is 1 if all cameras are on one side and less the better
+    they surround the person; the information is in proportion to the sum of 1 - share^2.
     """
     return float((1.0 - share**2).sum()) * dt / SPELL_S / SPELL_SIGMA**2
 
 
 def with_body_bias(covariance: Floats, shift: Floats, information: float) -> Floats:
-    """Return covariances (n, 6, 6) with the variance of the body bias added to the positions.
+    """Return a copy of state covariances (n, 6, 6) with the variance of the body bias added to x and y.
 
-    The argument is not changed. The bias shifts positions by `shift` (n, 2), per unit of it; `information` is its
-    inverse variance without the prior.
+    `shift` (n, 2) is how far x and y move per unit of bias, `information` the learned inverse variance of the bias, to
+    which that of the prior is added.
     """
     out = covariance.copy()
     out[:, :2, :2] += shift[:, :, None] * shift[:, None, :] / (1.0 / PRIOR_SIGMA**2 + information)

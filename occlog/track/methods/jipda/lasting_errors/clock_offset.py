@@ -22,7 +22,13 @@ MIN_DRIFT_S = 20.0
 
 @dataclass(frozen=True)
 class ClockStatistics:
-    """Normal equations of the clock offsets of C cameras in batches of time, and the resulting offsets."""
+    """Normal equations of the clock offsets of C cameras in batches of time, and the resulting offsets.
+
+    `batches` are the recent sums, `sums` (C, 5) the count, residuals and velocities of all boxes; `late` (C,) the
+    offsets [s] that are corrected (positive: frames show what was earlier; 0: none) and `limit` (C,) the least
+    significant ones (infinite: not estimated). `history` (B, C, C + 1) and `history_s` (B,) are coarser sums over the
+    whole recording and their times [s], each of `merged` batches, of which the last one has `waiting`.
+    """
 
     batches: Batches  # sums of `clock_residuals`
     sums: Floats  # (C, 5) counts, residuals and velocities
@@ -35,12 +41,12 @@ class ClockStatistics:
 
     @property
     def centre(self) -> Floats:
-        """(C, 4) mean residuals and mean velocities, which are subtracted."""
+        """Mean residuals (u, v) [box heights] and mean velocities (u, v) [box heights/s] of each camera, (C, 4)."""
         return np.asarray(self.sums[:, 1:] / np.maximum(self.sums[:, :1], 1.0))
 
 
 def prior_clocks(cameras: int) -> ClockStatistics:
-    """Create the statistics of C cameras without data."""
+    """Return the clock statistics of C = `cameras` cameras without data: no corrections, infinite limits."""
     batches = Batches.of(cameras)
     return ClockStatistics(
         batches, np.zeros((cameras, 5)), np.zeros(cameras), np.full(cameras, np.inf), batches.kept, np.zeros(0)
@@ -48,9 +54,13 @@ def prior_clocks(cameras: int) -> ClockStatistics:
 
 
 def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Floats) -> ClockStatistics:
-    """Return the statistics with a time step added; offsets are updated when a batch is complete.
+    """Return the clock statistics with a time step added; offsets are solved again when a batch is complete.
 
-    `normal` (C, C + 1) and `sums` (C, 5) are from `clock_residuals`, for the time step at `t_ns`.
+    Args:
+        known: statistics before; not changed.
+        t_ns: time of the time step.
+        normal: (C, C + 1) normal equations of the offsets from this time step, by `clock_residuals`.
+        sums: (C, 5) number of boxes, sums of residuals and of velocities, by `clock_residuals`.
     """
     batches = known.batches.add(t_ns, normal)
     known = replace(known, sums=known.sums + sums, batches=batches)
@@ -61,7 +71,11 @@ def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Float
 
 
 def _with_history(known: ClockStatistics, batch: Floats, t_s: float) -> ClockStatistics:
-    """Add a batch to the history; two sums become one where there are `MAX_BATCHES`."""
+    """Return the statistics with a batch (C, C + 1), complete at `t_s` [s], added to the history of the recording.
+
+    The last sum is filled until it has as many batches as the others; at `MAX_BATCHES` sums, neighbours are merged in
+    pairs.
+    """
     history, times, merged, waiting = known.history, known.history_s, known.merged, known.waiting
     if len(history) and waiting < merged:
         history, times = history.copy(), times.copy()
@@ -75,10 +89,11 @@ def _with_history(known: ClockStatistics, batch: Floats, t_s: float) -> ClockSta
 
 
 def clock_drifts(history: Floats, t_s: Floats) -> tuple[Floats, Floats]:
-    """Drifts (C,) of the clocks [s/s], 0 if not significant, and the significance limits (C,) [s/s].
+    """Return the drifts (C,) of the clocks [s/s], 0 if not significant, and their significance limits (C,) [s/s].
 
-    Each clock has an offset that is linear in time. Drifts are relative to their median, of two cameras to the first;
-    errors of velocities make them too small, by a tenth to two fifths.
+    Each clock has an offset that is linear in time. Drifts are relative to the median, or to the first of two cameras;
+    errors of velocities make them too small, by a tenth to two fifths. Without `MIN_BATCHES` over `MIN_DRIFT_S`, or
+    with fewer than two cameras, drifts are 0 and limits infinite.
 
     Args:
         history: (B, C, C + 1) normal equations of offsets, in the order of time.
@@ -105,10 +120,12 @@ def clock_drifts(history: Floats, t_s: Floats) -> tuple[Floats, Floats]:
 
 
 def clock_offsets(batches: Floats) -> tuple[Floats, Floats]:
-    """Clock offsets (C,) [s], 0 if not significant, and the significance limits (C,) [s].
+    """Return the clock offsets (C,) [s], relative to their median, 0 if not significant, and their limits (C,) [s].
+
+    A limit is the least significant offset; infinite: not estimated. With fewer than two estimated cameras all are 0.
 
     Args:
-        batches: (B, C, C + 1) normal equations, in the order of time.
+        batches: (B, C, C + 1) normal equations N d = b as rows (N, b), in the order of time.
     """
     slope, limit = solve_batches(batches)
     there = np.isfinite(limit)

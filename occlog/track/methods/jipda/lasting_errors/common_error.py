@@ -35,7 +35,12 @@ MIN_INTERVAL_S, MAX_INTERVAL_S = 0.2, 2.5
 
 @dataclass(frozen=True)
 class CommonErrorStatistics:
-    """Posterior over a grid of G points (standard deviation, correlation time), and the filter banks of n people."""
+    """Posterior of the common position error on a grid of G pairs (standard deviation, correlation time).
+
+    `log` (G,) is the unnormalised log posterior, `square` (G,) the variances per axis, `time` (G,) the correlation
+    times [s]; `key`, `t_ns` and `moments` (n, 2, G, 3, 10) are the track keys, last times and filter banks of n people;
+    `metre` is the length of a metre in the scene's unit.
+    """
 
     metre: float
     log: Floats  # (G,) log posterior, not normalised
@@ -47,9 +52,9 @@ class CommonErrorStatistics:
 
 
 def prior_common_error(metre: float) -> CommonErrorStatistics:
-    """Prior of the common position error on a grid of standard deviations and correlation times.
+    """Return the prior of the common position error on a grid of standard deviations and correlation times.
 
-    `metre` is one metre in the scene's unit.
+    `metre` is the length of a metre in the scene's unit.
     """
     sigma = np.repeat(SIGMAS_M, len(CORRELATION_TIMES_S))
     G = len(sigma)
@@ -66,7 +71,7 @@ def prior_common_error(metre: float) -> CommonErrorStatistics:
 
 
 def common_error(known: CommonErrorStatistics) -> tuple[float, float]:
-    """Posterior mean of the variance per axis, and the correlation time [s].
+    """Return the posterior mean of the common error's variance per axis [scene unit^2], and its correlation time [s].
 
     The correlation time is the geometric mean weighted by the variance.
     """
@@ -77,7 +82,7 @@ def common_error(known: CommonErrorStatistics) -> tuple[float, float]:
 
 
 def new_variance(common: tuple[float, float], step: float) -> float:
-    """Conditional variance of the error at a time step, given its values one time step before and after.
+    """Return the conditional variance of a Gauss-Markov error, given its values one time step before and after.
 
     Args:
         common: variance and correlation time [s] of the error.
@@ -96,14 +101,14 @@ def update_common_error(
     noise: Floats,
     config: JipdaConfig,
 ) -> CommonErrorStatistics:
-    """Update the posterior of the common error with the positions of one time step.
+    """Return the posterior of the common position error, updated with the positions of one time step.
 
     Args:
-        known: posterior before the time step.
+        known: posterior before the time step; not changed.
         t_ns: time of the time step.
-        key: (n,) people, ascending.
-        position: (n, 2) as the boxes of the time step alone give them; NaN: too few boxes.
-        noise: (n,) variance of their white errors per axis.
+        key: (n,) track keys, ascending; other people are forgotten.
+        position: (n, 2) positions from the boxes of this time step alone; NaN: too few boxes.
+        noise: (n,) variances of their white errors per axis.
         config: process noise of the motion models.
     """
     old = np.searchsorted(known.key, key)

@@ -26,7 +26,11 @@ FALSE_PROBABILITY = 1e-6
 
 @dataclass(frozen=True)
 class Batches:
-    """Sums of normal equations N p = b of K parameters, rows (N, b), in batches of time."""
+    """Sums of normal equations N p = b of K parameters in batches of time of `BATCH_S`, each as rows (N, b).
+
+    `kept` (B, K, K + 1) are the last complete batches in the order of time, `open` (K, K + 1) the sum of the current
+    one, which began at `since_ns` (-1: no data).
+    """
 
     kept: Floats  # (B, K, K + 1) complete batches, in the order of time
     open: Floats  # (K, K + 1) of the batch that is not complete
@@ -34,14 +38,15 @@ class Batches:
 
     @classmethod
     def of(cls, parameters: int) -> Batches:
-        """Return sums without data for K = `parameters` parameters."""
+        """Return sums of normal equations without data, for K = `parameters` parameters."""
         none = np.zeros((parameters, parameters + 1))
         return cls(none[None][:0], none)
 
     def add(self, t_ns: int, normal: Floats) -> Batches:
-        """Return the sums with the normal equations (K, K + 1) of a time step at `t_ns` added.
+        """Return the sums with the normal equations of a time step at `t_ns` added.
 
-        A batch that has lasted `BATCH_S` is complete: the next one begins at `t_ns`.
+        `normal` (K, K + 1) are rows (N, b) of N p = b. A batch that has lasted `BATCH_S` is complete with this time
+        step: the next one begins at `t_ns`; of complete batches the last `MAX_BATCHES` are kept.
         """
         since = t_ns if self.since_ns < 0 else self.since_ns
         total = self.open + normal
@@ -51,15 +56,17 @@ class Batches:
 
 
 def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats, Floats]:
-    """Solve normal equations N p = b summed over batches, with errors that allow for correlated batches (`newey_west`).
+    """Solve normal equations N p = b summed over batches; return K parameters and their significance limits.
+
+    The variance allows for errors that are correlated between batches (`newey_west`).
 
     Args:
-        batches: (B, K, K + 1) N and b of each batch, in the order of time.
+        batches: (B, K, K + 1) rows (N, b) of each batch, in the order of time.
         prior_precision: prior precision of each parameter about 0.
 
     Returns:
-        (K,) parameters, by the pseudo-inverse; (K,) what each would have to be to differ from 0 with the probability
-        `FALSE_PROBABILITY`, by Student's t; inf: fewer than `MIN_BATCHES` batches say anything of it.
+        (K,) parameters, by the pseudo-inverse, 0 if not estimated; (K,) the size at which each would be significant at
+        the level `FALSE_PROBABILITY`, by Student's t; inf: fewer than `MIN_BATCHES` batches have information on it.
     """
     N, b = batches[..., :-1], batches[..., -1]
     K, B = b.shape[1], len(b)
@@ -77,9 +84,9 @@ def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats
 
 
 def newey_west(off: Floats) -> Floats:
-    """Variances (K,) of sums of correlated batches (B, K), no smaller than those of uncorrelated ones.
+    """Return variances (K,) of the column sums of correlated batches `off` (B, K), no smaller than if uncorrelated.
 
-    Newey and West (1987): lags up to a quarter of the number of batches, with Bartlett weights.
+    Newey and West (1987): lags up to the share `LAG_SHARE` of the number of batches, with Bartlett weights.
     """
     B = len(off)
     variance = (off**2).sum(axis=0)

@@ -25,7 +25,12 @@ MIN_ANGLE = 0.007
 
 @dataclass(frozen=True)
 class PoseStatistics:
-    """Normal equations of the rotations of C cameras in batches of time, and the resulting rotations."""
+    """Normal equations of the rotations of C cameras in batches of time, and the resulting corrections.
+
+    `rotation` (C, 3, 3) is world-from-camera of the calibration, `batches` the sums for uncorrected cameras, `angles`
+    (C, 2) the corrections [rad] about the vertical and the camera's horizontal axis (0: none), `limit` (C, 2) the least
+    significant angles (infinite: not estimated).
+    """
 
     rotation: Floats  # (C, 3, 3) world-from-camera of the calibration
     batches: Batches  # sums of `pose_residuals`, as without correction
@@ -34,16 +39,19 @@ class PoseStatistics:
 
 
 def prior_poses(views: PackedCameras) -> PoseStatistics:
-    """Create the statistics of C cameras without data."""
+    """Return the rotation statistics of the packed cameras without data: no corrections, infinite limits."""
     C = len(views.lens)
     angles = np.zeros((C, ANGLES))
     return PoseStatistics(views.rotation, Batches.of(ANGLES * C), angles, angles + np.inf)
 
 
 def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatistics:
-    """Return the statistics with a time step added; angles are updated when a batch is complete.
+    """Return the rotation statistics with a time step added; angles are solved again when a batch is complete.
 
-    `normal` (2 C, 2 C + 1) are the normal equations from `pose_residuals`, for the time step at `t_ns`.
+    Args:
+        known: statistics before; not changed.
+        t_ns: time of the time step.
+        normal: (2 C, 2 C + 1) normal equations from `pose_residuals` about the corrected cameras.
     """
     normal = normal.copy()
     # As without correction
@@ -57,10 +65,14 @@ def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatis
 
 
 def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
-    """Orientation errors (C, 2) [rad], 0 for cameras without a significant one, and the significance limits (C, 2).
+    """Return the orientation errors (C, 2) [rad] of the cameras, and the least significant ones (C, 2) [rad].
+
+    Columns: about the vertical, and about the camera's horizontal axis. Cameras with no significant angle of at least
+    `MIN_ANGLE` get 0; a limit is infinite where nothing was estimated. The median over the cameras is subtracted from
+    the second angle, since bodies unlike the model tilt all cameras alike.
 
     Args:
-        batches: (B, 2 C, 2 C + 1) normal equations, in the order of time.
+        batches: (B, 2 C, 2 C + 1) normal equations as rows (N, b), in the order of time.
     """
     d, limit = solve_batches(batches, 1.0 / PRIOR_SIGMA**2)
     # Bodies that are unlike the model move the boxes of all cameras down or up
@@ -73,7 +85,11 @@ def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:
-    """Return the packed cameras with orientations corrected by the angles in `known`."""
+    """Return the packed cameras with corrected orientations, by the calibration and the angles (C, 2) in `known`.
+
+    A camera is turned by the first angle about the world's vertical and by the second about its own x axis; `views` is
+    not changed.
+    """
     rotation, lens = known.rotation.copy(), views.lens.copy()
     for c in np.flatnonzero(known.angles.any(axis=1)).tolist():
         yaw, pitch = known.angles[c]

@@ -59,7 +59,13 @@ DIMENSIONS = 4
 
 @dataclass(frozen=True)
 class ErrorBank:
-    """Filter bank of a position sensor: G combinations of parameters, N targets."""
+    """Bank of Kalman filters of one position sensor: G combinations of error parameters, N targets.
+
+    Parameters (G,): `total` variance as a multiple of the stated one (or of the setting's), `share` of it correlated in
+    time, correlation time `tau` [s], process noise `q`; `evidence` (G,) is the log-likelihood of all `innovations`. Per
+    target: key, time and number of positions, `mean` (N, G, 4, 2) of position, velocity, sensor error b and gait g on
+    both axes, and `covariance` (N, G, 4, 4). Also the counts of stated variances, and the mean time between frames [s].
+    """
 
     total: Floats  # (G,) total variance as a multiple of the stated one, or of the setting's
     share: Floats  # (G,) of it, correlated in time
@@ -79,7 +85,12 @@ class ErrorBank:
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Error models of all position sensors, which are the last of the views."""
+    """Error models of all position sensors, which are the last of the filter's views; one bank each.
+
+    `first` is the index of the first sensor among the views, `alone` whether there is no camera, `sigma` the initial
+    standard deviation per axis and `gait_variance` the variance of the position about a straight walk, in the scene's
+    unit.
+    """
 
     first: int  # index of the first source among the views
     alone: bool  # there is no camera
@@ -90,7 +101,11 @@ class PositionErrors:
 
 @dataclass(frozen=True)
 class PositionNoise:
-    """Noise model of a position sensor: white noise, and an error b that is correlated in time."""
+    """Noise model of a position sensor: white noise, and an error b that is correlated in time.
+
+    `total` is the total variance per axis as a multiple of the stated one (or of the setting's), `white` the share of
+    it that is white, `lasting` the variance of b [scene unit^2] and `tau` its correlation time [s].
+    """
 
     white: float  # share of the total variance that is white
     total: float  # total variance as a multiple of the stated one, or of the setting's
@@ -99,9 +114,9 @@ class PositionNoise:
 
 
 def prior_position_errors(views: Sequence[object], metre: float, config: JipdaConfig) -> PositionErrors:
-    """Return the error models before any position, for the sources of positions among the views.
+    """Return the error models before any position, for the position sensors among the views.
 
-    `metre` is one metre in the scene's unit.
+    `metre` is the length of a metre in the scene's unit.
     """
     sources = [each for each in views if isinstance(each, PositionSource)]
     return PositionErrors(
@@ -114,6 +129,7 @@ def prior_position_errors(views: Sequence[object], metre: float, config: JipdaCo
 
 
 def _empty_bank(config: JipdaConfig) -> ErrorBank:
+    """Return a sensor's filter bank without targets: all combinations of the parameter grids, zero evidence."""
     combinations = [
         (ratio**2, share, tau, q * config.process_noise_density)
         for ratio in SIGMA_RATIOS
@@ -140,12 +156,15 @@ def _empty_bank(config: JipdaConfig) -> ErrorBank:
 
 
 def is_stated(bank: ErrorBank) -> bool:
-    """Whether the sensor states the variance of most of its positions."""
+    """Return whether the sensor states the variance of most of its positions."""
     return bool(bank.stated[1] > bank.stated[2])
 
 
 def _weights(bank: ErrorBank) -> Floats:
-    """(G,) posterior probabilities of the parameter combinations of a bank."""
+    """Return (G,) posterior probabilities of the parameter combinations of a sensor's filter bank.
+
+    If the sensor states no variances, the prior of the total standard deviation is log-normal about the setting.
+    """
     log = bank.evidence / TEMPERATURE
     if not is_stated(bank):
         # Shares and times that have more combinations are not more probable
@@ -155,7 +174,10 @@ def _weights(bank: ErrorBank) -> Floats:
 
 
 def position_noise_of(errors: PositionErrors, c: int) -> PositionNoise:
-    """Noise model of a position sensor, with index `c` among the views."""
+    """Return the posterior mean noise model of the position sensor with index `c` among the views.
+
+    If it states variances, the multiple of them is fixed at 1, and the rest is averaged under this condition.
+    """
     bank = errors.banks[c - errors.first]
     weight = _weights(bank)
     base = errors.sigma**2
@@ -171,9 +193,9 @@ def position_noise_of(errors: PositionErrors, c: int) -> PositionNoise:
 
 
 def learned_sigma_ratio(errors: PositionErrors, c: int) -> float:
-    """Ratio of the learned to the stated standard deviation of a sensor.
+    """Return the ratio of the learned to the stated standard deviation of position sensor `c`.
 
-    NaN if not stated or with too few innovations.
+    `c` is its index among the views. NaN if it states none, or with fewer than `MIN_INNOVATIONS` innovations.
     """
     bank = errors.banks[c - errors.first]
     if not is_stated(bank) or bank.innovations < MIN_INNOVATIONS:
@@ -182,19 +204,25 @@ def learned_sigma_ratio(errors: PositionErrors, c: int) -> float:
 
 
 def learned_sigma(errors: PositionErrors, c: int) -> float:
-    """Standard deviation per axis, stated or learned, of the positions of position sensor `c` [scene's unit]."""
+    """Return the standard deviation per axis of positions of sensor `c`, stated or learned [scene unit].
+
+    `c` is the sensor's index among the views.
+    """
     bank, noise = errors.banks[c - errors.first], position_noise_of(errors, c)
     base = float(bank.stated[0] / bank.stated[1]) if is_stated(bank) else errors.sigma**2
     return math.sqrt(noise.total * base)
 
 
 def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floats:
-    """(n, 3) noise covariances (xx, xy, yy) of a sensor's positions for the update.
+    """Return measurement covariances (n, 3) xx, xy, yy of n positions of a sensor for the update [scene unit^2].
+
+    With position sensors alone it is the white part (the correlated error is in the filter's state); with cameras, the
+    correlated error and the gait are included as white noise of equal power.
 
     Args:
         errors: error models of all position sensors.
-        c: index of the source among the views.
-        stated: (n, 3) as the source states them; NaN: not stated.
+        c: index of the sensor among the views.
+        stated: (n, 3) covariances that the sensor states; NaN: not stated.
     """
     noise, bank = position_noise_of(errors, c), errors.banks[c - errors.first]
     known: Bools = np.asarray(np.isfinite(stated).all(axis=1))
@@ -210,9 +238,10 @@ def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floa
 
 
 def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
-    """Variance per axis of the prediction error that a manoeuvre causes between two frames of view `c`; 0 for a camera.
+    """Return the variance per axis [scene unit^2] of the prediction error by a manoeuvre between two frames.
 
-    `metre` is one metre in the scene's unit.
+    `c` is the index of the sensor among the views; 0 for a camera. `metre` is the length of a metre in the scene's
+    unit.
     """
     if c < errors.first:
         return 0.0
@@ -221,7 +250,10 @@ def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
 
 
 def lasting_error(errors: PositionErrors) -> tuple[float, float]:
-    """Variance per axis and correlation time [s] of correlated errors, of the sensor with the smallest variance."""
+    """Return variance per axis [scene unit^2] and correlation time [s] of the time-correlated position error.
+
+    It is that of the sensor with the smallest variance.
+    """
     noises = [position_noise_of(errors, errors.first + k) for k in range(len(errors.banks))]
     least = min(noises, key=lambda each: each.lasting)
     return least.lasting, least.tau
@@ -230,14 +262,16 @@ def lasting_error(errors: PositionErrors) -> tuple[float, float]:
 def update_position_errors(
     errors: PositionErrors, c: int, t_ns: int, position: Floats, stated: Floats, key: Ints, all_keys: Ints
 ) -> PositionErrors:
-    """Update the bank of a position sensor with the positions of one frame.
+    """Return the error models with the bank of one position sensor updated by the positions of one frame.
+
+    Targets that are gone, or were not detected for `MAX_GAP_S`, are dropped; new ones are added.
 
     Args:
-        errors: error models before the frame.
-        c: index of the source among the views.
+        errors: error models before the frame; not changed.
+        c: index of the sensor among the views.
         t_ns: time of the frame.
-        position: (n, 2) positions that are surely of one target each.
-        stated: (n, 3) covariances as the source states them; NaN: not stated.
+        position: (n, 2) positions, each surely of one target.
+        stated: (n, 3) covariances xx, xy, yy that the sensor states; NaN: not stated.
         key: (n,) keys of the targets of these positions.
         all_keys: keys of the targets that still exist.
     """
@@ -274,6 +308,7 @@ def update_position_errors(
 
 
 def _select(bank: ErrorBank, rows: Ints) -> ErrorBank:
+    """Return the bank with the targets at the indices `rows` only; the evidence stays."""
     return replace(
         bank,
         key=bank.key[rows],
@@ -288,12 +323,12 @@ def _begin(bank: ErrorBank, key: Ints, t_ns: int, position: Floats, base: Floats
     """Return the bank with n new targets added.
 
     Args:
-        bank: filter bank before.
+        bank: filter bank before; not changed.
         key: (n,) keys of the targets.
         t_ns: time of their first positions.
         position: (n, 2) first positions.
-        base: (n,) unit of the total variance.
-        gait: variance of the gait displacement.
+        base: (n,) variances per axis that the bank's multiples refer to: stated, or of the setting.
+        gait: variance per axis of the gait displacement.
     """
     n, G = len(key), len(bank.total)
     mean, P = np.zeros((n, G, DIMENSIONS, 2)), np.zeros((n, G, DIMENSIONS, DIMENSIONS))
@@ -329,9 +364,20 @@ def _advance(
     gait: float,
     evidence: Floats,
 ) -> None:
-    """Predict and update n targets of the bank in place, and add log likelihoods of their innovations to `evidence`.
+    """Predict and update n targets in place, and add the log likelihoods of their innovations to `evidence`.
 
-    Innovations of targets with one position before do not count; arguments are those of `_advance_bank`.
+    The first innovation of a target does not count: its velocity is unknown.
+
+    Args:
+        bank: parameters, and number of positions of each target; not changed.
+        mean: (N, G, 4, 2) means of the bank, changed in the rows.
+        covariance: (N, G, 4, 4) changed in the rows.
+        rows: (n,) indices of the targets.
+        dt: (n,) time since their last positions [s].
+        position: (n, 2) measured positions.
+        base: (n,) variances per axis that the bank's multiples refer to: stated, or of the setting.
+        gait: variance per axis of the gait displacement.
+        evidence: (G,) changed.
     """
     counted: Bools = np.asarray(bank.steps[rows] > 1)
     _advance_bank(
@@ -355,21 +401,24 @@ def _advance_bank(
     counted: Bools,
     evidence: Floats,
 ) -> None:
-    """Kalman filters of n targets and G parameter combinations, in place; both axes have the same covariance.
+    """Predict and update the Kalman filters of n targets and G parameter combinations, in place.
+
+    The states are position and velocity of the walk, sensor error b and gait displacement g; both axes share a
+    covariance.
 
     Args:
         mean: (N, G, 4, 2) changed in the rows.
         covariance: (N, G, 4, 4) changed in the rows.
-        rows: (n,) targets.
-        dt: (n,) seconds since their last positions.
+        rows: (n,) indices of the targets.
+        dt: (n,) time since their last positions [s].
         position: (n, 2) measured positions.
-        base: (n,) unit of the total variance.
-        total: (G,) total variance of each combination, as in `ErrorBank`.
-        share: (G,) shares, as in `ErrorBank`.
-        tau: (G,) correlation times, as in `ErrorBank`.
-        q: (G,) process noises, as in `ErrorBank`.
-        gait: variance of g.
-        counted: (n,) whether the innovation counts: the velocity is known.
+        base: (n,) variances per axis that the multiples `total` refer to.
+        total: (G,) total variance of each combination, as a multiple of `base`.
+        share: (G,) share of it that is correlated in time.
+        tau: (G,) correlation times [s].
+        q: (G,) process noise densities.
+        gait: variance of g per axis.
+        counted: (n,) whether the log likelihood of the innovation is added.
         evidence: (G,) changed.
     """
     F, A = np.zeros((4, 4)), np.empty((4, 4))

@@ -69,7 +69,11 @@ class FitConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rules about the measurement noise, and that method `differences` takes positions as exact."""
+        """Generate checks between settings as (setting, is fulfilled, requirement as text).
+
+        The measurement noise must be a length, `estimated` or `covariance`, and `estimated` with method `differences`,
+        which takes positions as exact.
+        """
         good = self.measurement_noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
         yield "measurement_noise", good, f"a length of 0 to {MAX_SETTING:g}, {ESTIMATED} or {COVARIANCE}"
         yield (
@@ -80,7 +84,10 @@ class FitConfig(Settings):
 
     @property
     def noise_length(self) -> float | None:
-        """Return the stated standard deviation of positions, >= 0; None if not stated."""
+        """Stated standard deviation of the positions per axis, >= 0.
+
+        None: it is estimated, or follows from the covariances of tracks.
+        """
         try:
             value = float(self.measurement_noise)
         except ValueError:

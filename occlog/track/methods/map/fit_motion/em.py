@@ -29,7 +29,11 @@ LEAST = 10
 
 
 class FitProblem(NamedTuple):
-    """Measured positions in units of steps and scales, and what is fitted to them."""
+    """Measured positions at K equally spaced nodes, and what is fitted to them.
+
+    Time is in steps of the model and length in units of `scale`; `R` (K, 2, 2) are the given measurement covariances (0
+    where the noise is fitted).
+    """
 
     nodes: Nodes
     shape: Shape
@@ -46,19 +50,19 @@ def fit_em(
     noise: float | None = None,
     rounds: int = 200,
 ) -> MotionFit:
-    """Return the maximum-likelihood motion model of positions with measurement errors.
+    """Return the maximum-likelihood motion model of positions with measurement errors, by EM and a quasi-Newton method.
 
     Args:
-        paths: positions of each object; their `cov` is the error of each where `shape.noise` is false
+        paths: positions of each object; their `cov` is the measurement noise if `shape.noise` is false
             and `noise` is None.
         step_s: step of the model [s], > 0.
-        shape: what is fitted; with `noise` the standard deviation of positions is fitted, too.
+        shape: which parameters are fitted; with `shape.noise` the standard deviation of positions, too.
         longest_gap_s: trajectories are cut at longer gaps [s].
-        noise: standard deviation of the positions' errors, per axis; >= 0.  None: fitted, or in the paths.
-        rounds: most iterations of the quasi-Newton method.
+        noise: standard deviation of the positions' errors, per axis, >= 0; None: fitted, or in the paths.
+        rounds: largest number of iterations of the quasi-Newton method.
 
     Raises:
-        ValueError: too few measurements, nothing moves, or no covariance where one is wanted.
+        ValueError: too few measurements, nothing moves, or no covariance where one is needed.
     """
     problem = prepare(paths, step_s, shape, longest_gap_s, noise)
     best = _maximise(problem, rounds)
@@ -71,11 +75,17 @@ def fit_em(
 
 
 def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, *, longest_gap_s: float) -> MotionFit:
-    """Fit the model by regression of each state on the previous one.
+    """Fit the motion model by regression of each state on the previous one.
 
-    Positions are taken as exact, velocities are central differences; errors of the positions become disturbances of the
-    motion. The log likelihood is that of the states, not comparable with other methods'; standard errors take residuals
-    as independent. Trajectories are cut at gaps longer than `longest_gap_s`; `step_s` is the model's step, > 0.
+    Positions are taken as exact, velocities are central differences; errors of the positions become process noise. The
+    log likelihood is that of the states, not comparable with that of `fit_em`; standard errors take residuals as
+    independent.
+
+    Args:
+        paths: positions of each object.
+        step_s: step of the model [s], > 0; positions are interpolated to it.
+        shape: which parameters are fitted; all rows of A in the form `full`, and no measurement noise.
+        longest_gap_s: trajectories are cut at longer gaps [s].
 
     Raises:
         ValueError: too few transitions, or nothing moves.
@@ -100,7 +110,10 @@ def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, 
 
 
 def need(count: int, shape: Shape, what: str) -> None:
-    """Raise ValueError if `count` measurements, named `what`, are too few for the number of parameters of `shape`."""
+    """Raise ValueError if `count` measurements are too few for the parameters of `shape`.
+
+    `what` is their name in the message; `LEAST`, and 3 for each parameter, are needed.
+    """
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
         raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; at least {least} are needed")
@@ -109,7 +122,7 @@ def need(count: int, shape: Shape, what: str) -> None:
 def prepare(
     paths: Sequence[MeasuredPath], step_s: float, shape: Shape, longest_gap_s: float, noise: float | None = None
 ) -> FitProblem:
-    """Return the fit problem of some paths: positions at time steps, in units of a scale; errors are those of `fit_em`.
+    """Return the fit problem of some paths: positions at equally spaced nodes, in units of steps and a length scale.
 
     Args:
         paths: positions of each object.
@@ -117,6 +130,9 @@ def prepare(
         shape: which parameters are fitted.
         longest_gap_s: trajectories are cut at longer gaps [s].
         noise: standard deviation of the positions' errors, per axis; None: fitted, or in the paths.
+
+    Raises:
+        ValueError: too few measurements, nothing moves, or no covariance where one is needed.
     """
     nodes = make_nodes(paths, step_s, longest_gap_s)
     need(int(nodes.seen.sum()), shape, "positions")
@@ -135,6 +151,7 @@ def prepare(
 
 
 def _scale(steps: Floats) -> float:
+    """Return the root mean square of steps (n, 2) as the length scale; ValueError if nothing moves."""
     scale = float(np.sqrt(np.mean(steps**2))) if len(steps) else 0.0
     if not scale > 0.0:
         raise ValueError("nothing moves from one step to the next, so there is no motion to identify")
@@ -142,7 +159,7 @@ def _scale(steps: Floats) -> float:
 
 
 def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
-    """Return the log likelihood of the scaled positions for the parameters `theta`, and the expected sums (E step)."""
+    """Return the log likelihood of the scaled positions for parameters `theta`, and the sums of the E step."""
     A, sigma, noise = build(problem.shape, theta)
     n = problem.nodes
     R = problem.R if noise is None else np.broadcast_to(noise**2 * np.eye(2), problem.R.shape).copy()
@@ -154,8 +171,8 @@ def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15
 
     Args:
         shape: which parameters are fitted.
-        theta: parameters before.
-        sums: expectations under the parameters before.
+        theta: parameters before, in the order of `names(shape)`.
+        sums: smoother sums under these parameters.
         iterations: largest number of iterations of the quasi-Newton method.
     """
     theta = regression(shape, theta, sums)
@@ -176,9 +193,9 @@ def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15
 
 
 def em(problem: FitProblem, theta: Floats, steps: int) -> tuple[Floats, list[float]]:
-    """Return the parameters after at most `steps` EM iterations, and the log likelihood before each.
+    """Return the parameters after at most `steps` EM iterations from `theta`, and the log likelihood before each.
 
-    It never decreases. `theta` are the initial parameters; iterations end early if hardly anything is gained.
+    The log likelihood never decreases; iterations end early if it hardly rises.
     """
     trace = []
     for _ in range(steps):
@@ -191,10 +208,12 @@ def em(problem: FitProblem, theta: Floats, steps: int) -> tuple[Floats, list[flo
 
 
 def _gradient(problem: FitProblem, theta: Floats) -> Floats:
+    """Return the gradient of the log likelihood by the parameters `theta`, by Fisher's identity."""
     return slope(problem.shape, theta, e_step(problem, theta)[1])
 
 
 def _maximise(problem: FitProblem, rounds: int) -> Optimum:
+    """Maximise the likelihood: EM from standard initial parameters, then L-BFGS-B with at most `rounds` iterations."""
     nodes, shape = problem.nodes, problem.shape
     three = nodes.seen[2:] & nodes.seen[1:-1] & nodes.seen[:-2] & ~nodes.first[2:] & ~nodes.first[1:-1]
     bends = np.diff(nodes.xy, n=2, axis=0)[three]
@@ -223,13 +242,17 @@ def _maximise(problem: FitProblem, rounds: int) -> Optimum:
 
 
 def _unit_sizes(problem: FitProblem, theta: Floats) -> Floats:
-    """Return approximate standard errors of the parameters `theta`, at most 1, for known states, as search scales."""
+    """Return approximate standard errors of the parameters `theta`, at most 1, as scales of the search.
+
+    They are those for known states, at the E step's sums.
+    """
     sums = e_step(problem, theta)[1]
     at = np.diag(information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))
     return 1.0 / np.sqrt(np.where(at > 1.0, at, 1.0))
 
 
 def _scaled(ends: Sequence[tuple[float | None, float | None]], unit: Floats) -> list[tuple[float | None, float | None]]:
+    """Return the bounds `ends` (lower, upper; None: unbounded) of each parameter divided by its `unit`."""
     return [
         (None if low is None else low / u, None if high is None else high / u)
         for (low, high), u in zip(ends, unit, strict=True)

@@ -37,7 +37,11 @@ NODE, WEIGHT = np.polynomial.legendre.leggauss(12)
 
 
 class Shape(NamedTuple):
-    """Structure of the fitted model: form of A, structure of Sigma, and whether measurement noise is fitted."""
+    """Structure of the fitted motion model x' = A x + N(0, Sigma) of x, vx, y, vy.
+
+    `form` of A: `cv`, `damped` or `full` (then the rows `free` are fitted); `disturbance`, form of Sigma: `white`,
+    `diagonal` or `full`; `similar`: one process noise for both axes; `noise`: the measurement noise is fitted, too.
+    """
 
     form: str = "cv"  # cv, damped or full
     disturbance: str = "white"  # white, diagonal or full
@@ -47,7 +51,10 @@ class Shape(NamedTuple):
 
 
 class MotionModelParameters(NamedTuple):
-    """A (4, 4), Sigma (4, 4) and the standard deviation of measured positions (None: given)."""
+    """Transition matrix A (4, 4), process noise covariance `sigma` (4, 4), and measurement noise `noise`.
+
+    The state is x, vx, y, vy in steps and length scales; `noise` is a standard deviation per axis (None: not fitted).
+    """
 
     A: Floats
     sigma: Floats
@@ -56,7 +63,7 @@ class MotionModelParameters(NamedTuple):
 
 @functools.cache
 def names(shape: Shape) -> tuple[str, ...]:
-    """Return the names of the free parameters; standard deviations (sd) are parametrised by logarithms."""
+    """Return the names of the free parameters in their order; standard deviations are parametrised by logarithms."""
     out = {"cv": [], "damped": ["decay"], "full": [f"A{i + 1}{j + 1}" for i in shape.free for j in range(4)]}[
         shape.form
     ]
@@ -70,7 +77,10 @@ def names(shape: Shape) -> tuple[str, ...]:
 
 @functools.cache
 def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
-    """Return lower and upper bounds of the free parameters, in the order of `names`; None: unbounded."""
+    """Return lower and upper bounds of the free parameters, in the order of `names`; None: unbounded.
+
+    Those of standard deviations are of their logarithms.
+    """
     small, large = float(np.log(SMALLEST)), float(np.log(LARGEST))
     out: list[tuple[float | None, float | None]] = []
     for name in names(shape):
@@ -84,11 +94,11 @@ def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
 
 
 def start(shape: Shape, bend: float) -> Floats:
-    """Return initial parameters.
+    """Return the initial parameter vector, in the order of `names`.
 
     Args:
         shape: which parameters are fitted.
-        bend: standard deviation of second differences of the positions, in scales; > 0.
+        bend: standard deviation of second differences of the positions, in length scales; > 0.
     """
     values = dict.fromkeys(names(shape), np.log(max(0.25 * bend, 10.0 * SMALLEST)))
     for name in values:
@@ -104,7 +114,10 @@ def start(shape: Shape, bend: float) -> Floats:
 
 
 def build(shape: Shape, theta: Floats) -> MotionModelParameters:
-    """Return the model (A, Sigma, noise), in steps and scales, for a parameter vector in the order of `names`."""
+    """Return the model (A, Sigma, noise), in steps and length scales, of the parameter vector `theta`.
+
+    `theta` is in the order of `names`; `noise` is None if it is not fitted.
+    """
     known = names(shape)
     if shape.form == "cv":
         A, beta, used = CV, 0.0, 0
@@ -121,6 +134,10 @@ def build(shape: Shape, theta: Floats) -> MotionModelParameters:
 
 
 def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
+    """Return Sigma (4, 4) of the parameters `own` of the process noise, in the structure of `shape`.
+
+    `beta` is the rate per step at which velocity dies out (form `damped`), 0 otherwise.
+    """
     if shape.disturbance == "full":
         L = np.zeros((4, 4))
         L[LOWER] = own
@@ -142,14 +159,17 @@ def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
 
 
 def _reach(s: Floats, beta: float) -> Floats:
-    """Return the effect of a velocity on the position after times s [steps]: (1 - exp(-beta s)) / beta."""
+    """Return the effect of a unit velocity on the position after times s [steps].
+
+    It is (1 - exp(-beta s)) / beta, and s if beta is 0.
+    """
     return s.copy() if abs(beta) < 1e-9 else -np.expm1(-beta * s) / beta
 
 
 def _white(beta: float) -> Floats:
-    """Return the noise (2, 2) of one step from white acceleration of unit density, by Gauss-Legendre quadrature.
+    """Return the process noise covariance (2, 2) of position and velocity of one step, for unit white acceleration.
 
-    `beta` is the rate at which velocity dies out, per step.
+    `beta` is the rate per step at which velocity dies out; by Gauss-Legendre quadrature unless it is 0.
     """
     if beta == 0.0:
         return np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
@@ -160,7 +180,10 @@ def _white(beta: float) -> Floats:
 
 
 def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
-    """Return the expected log likelihood of states and measurements (Q of EM) for `theta`, up to a constant."""
+    """Return the expected log likelihood of states and measurements (Q of EM) for `theta`, up to a constant.
+
+    `sums` are the smoother's expected sums under the parameters before.
+    """
     A, sigma, noise = build(shape, theta)
     B = A - CV
     cross = B @ sums.DX.T
@@ -174,7 +197,14 @@ def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
 
 
 def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> Floats:
-    """Return the gradient of `expected` by `theta`, by central differences of step `h`."""
+    """Return the gradient of the expected log likelihood (`expected`) by the parameters, by central differences.
+
+    Args:
+        shape: which parameters are fitted.
+        theta: parameters, in the order of `names(shape)`.
+        sums: the smoother's expected sums.
+        h: step of the differences.
+    """
     out = np.empty(len(theta))
     for i in range(len(theta)):
         there, here = theta.copy(), theta.copy()
@@ -185,9 +215,10 @@ def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> F
 
 
 def regression(shape: Shape, theta: Floats, sums: SmootherSums) -> Floats:
-    """Return the parameters with the free rows of A by least squares; for other forms than `full` they are `theta`.
+    """Return the parameters `theta` with the free rows of A by least squares on the smoother's sums.
 
-    K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma.
+    K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma. For
+    other forms of A than `full` it is `theta` itself.
     """
     if shape.form != "full":
         return theta

@@ -23,7 +23,13 @@ LOOSE = 0.1
 
 
 class MotionFit(NamedTuple):
-    """A fitted motion model with standard errors; lengths in the unit of the positions."""
+    """A fitted motion model with standard errors; lengths in the unit of the positions, times in seconds.
+
+    `model` has A (4, 4) and Sigma (4, 4), with the standard errors `A_error` and `sigma_error`; `noise` is the fitted
+    measurement noise per axis (None: not fitted); `parameters` and `errors` give the named quantities
+    (rates, accelerations) with standard errors, NaN if not determined by the data. Further: log likelihood, counts,
+    convergence, and the parameters at a limit or undetermined.
+    """
 
     model: GaussMarkov
     noise: float | None  # standard deviation of measured positions; None: not a parameter
@@ -44,7 +50,10 @@ class MotionFit(NamedTuple):
 
 
 class Optimum(NamedTuple):
-    """Parameters at the maximum of the likelihood, its value, and how the search went."""
+    """Parameters `theta` at the maximum of the likelihood, the log likelihood `value` there, and how the search went.
+
+    `trace` has the log likelihood after each step of EM.
+    """
 
     theta: Floats
     value: float
@@ -56,7 +65,8 @@ class Optimum(NamedTuple):
 def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Floats, h: float = 1e-3) -> Floats:
     """Return the observed information (n, n): negative second derivatives of the log likelihood at `theta` (n,).
 
-    `gradient` is that of the log likelihood; its differences are over steps `h`. NaN for parameters at a bound.
+    `gradient` is that of the log likelihood; its differences are over steps `h`. Rows and columns of parameters at a
+    bound are NaN.
     """
     n = len(theta)
     out = np.full((n, n), np.nan)
@@ -71,14 +81,17 @@ def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Float
 
 
 def at_limit(value: float, limit: tuple[float | None, float | None]) -> bool:
-    """Return whether a parameter is at one of its bounds (lower, upper; None: unbounded), within 0.01."""
+    """Return whether a parameter with this `value` is within 0.01 of one of its bounds.
+
+    `limit` is (lower, upper); None: unbounded.
+    """
     return any(end is not None and abs(value - end) < 1e-2 for end in limit)
 
 
 def _covariance(information: Floats) -> tuple[Floats, Floats]:
     """Return the covariance (n, n) of the parameters, and a basis (n, k) of k undetermined directions (columns).
 
-    `information` (n, n) is NaN for parameters at a bound, which get zeros.
+    `information` (n, n) is NaN for parameters at a bound, which get zeros in both.
     """
     n = len(information)
     free = np.flatnonzero(np.isfinite(np.diag(information)))
@@ -93,13 +106,13 @@ def _covariance(information: Floats) -> tuple[Floats, Floats]:
 def report(
     shape: Shape, scale: float, step_s: float, best: Optimum, known_by: Floats, counts: tuple[int, int, int, int]
 ) -> MotionFit:
-    """Convert the fit to units of the positions and seconds.
+    """Convert the fit to units of the positions and seconds, with standard errors by the delta method.
 
     Args:
         shape: which parameters were fitted.
-        scale: length of one scale.
+        scale: length of one scale in the positions' unit.
         step_s: step of the model [s].
-        best: parameters in steps and scales; its value is in units already.
+        best: parameters in steps and scales; its log likelihood is in the positions' unit already.
         known_by: (n, n) observed information, NaN for parameters at a limit.
         counts: transitions, measurements, measurements skipped, trajectories.
     """
@@ -108,7 +121,10 @@ def report(
     stuck = np.isnan(np.diag(known_by))
 
     def spread(values: Callable[[Floats], Floats]) -> Floats:
-        """Return standard errors by the delta method; NaN where undetermined parameters have an influence."""
+        """Return standard errors of the quantities `values(theta)` by the delta method.
+
+        NaN where parameters that the data do not determine, or only those at a bound, have an influence.
+        """
         columns = [(values(theta + e) - values(theta - e)) / 2e-5 for e in 1e-5 * np.eye(len(theta))]
         J = np.column_stack(columns)
         error = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", J, cov, J), 0.0))
@@ -148,13 +164,17 @@ def report(
 
 
 def _plain(name: str, value: float) -> float:
+    """Return the value of the parameter `name` without its logarithm.
+
+    It is exp(value), except for `decay`, which has no logarithm.
+    """
     return float(value) if name == "decay" else float(np.exp(min(value, 50.0)))
 
 
 def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
-    """Return factors that convert each parameter in `known` (names) to seconds and length units; 0 for matrix entries.
+    """Return factors that convert each named parameter to seconds and length units; 0 for matrix entries.
 
-    `scale` is the length of one scale, `step_s` the model's step [s].
+    `known` are the names, `scale` is the length of one scale, `step_s` the model's step [s].
     """
     unit = {
         "decay": 1.0 / step_s,
@@ -168,9 +188,9 @@ def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
 
 
 def in_units(model: MotionModelParameters, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
-    """Return the model and the noise in the positions' unit and seconds.
+    """Return the motion model and the measurement noise in the positions' unit and seconds.
 
-    `scale` is the length of one scale, `step_s` the model's step [s].
+    `scale` is the length of one scale, `step_s` the model's step [s]; the noise is None if it is not fitted.
     """
     D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
     sigma = model.sigma * np.outer(D, D)

@@ -31,10 +31,12 @@ LARGEST_FILL = 50
 
 
 def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fit a motion model to the request's positions, and write it.
+    """Fit a motion model to the request's positions, and write it to the request's output.
 
-    Return the figures of the summary, and the losses recorded in the inputs. InputError if the positions do not
-    suffice.
+    Return the figures of the summary, and the losses recorded in the inputs.
+
+    Raises:
+        InputError: the positions do not suffice.
     """
     config = configure(FitConfig(), request.settings)
     paths, unit, losses = read_paths(request, config)
@@ -68,6 +70,11 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
+    """Raise ValueError for a model step that does not fit the paths.
+
+    The longest gap `gap_s` [s] must be at least the step `step_s` [s], and the step at least 1 / `LARGEST_FILL` of the
+    median time between positions.
+    """
     if gap_s < step_s:
         raise ValueError(
             f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('max_gap')}"
@@ -81,6 +88,10 @@ def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
 
 
 def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: float) -> MotionFit:
+    """Return the motion model fitted to the paths by the method of the settings: EM, or regression on differences.
+
+    `step_s` is the model's step [s], `gap_s` the longest gap within a trajectory [s].
+    """
     shape = Shape(
         config.form,
         config.process_noise_form,
@@ -93,7 +104,7 @@ def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: flo
 
 
 def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
-    """Return the summary figures: method, counts and quality of the fit."""
+    """Return the summary figures of a fit by name: method, counts, log likelihood, parameters and their errors."""
     return {
         "method": config.method,
         "form": config.form,
@@ -115,7 +126,7 @@ def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
 
 
 def spectral_radius(A: Floats) -> float:
-    """Return the largest absolute eigenvalue of A (4, 4), exact for block-triangular A."""
+    """Return the largest absolute eigenvalue of the transition matrix A (4, 4), exact for block-triangular A."""
     pairs = A.reshape(2, 2, 2, 2)
     if not (pairs[0, :, 1].any() or pairs[1, :, 0].any() or A[1, 0] or A[3, 2]):
         return float(np.abs(np.diag(A)).max())
@@ -123,7 +134,7 @@ def spectral_radius(A: Floats) -> float:
 
 
 def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> list[str]:
-    """Return the texts of what puts the model in doubt; none if all is well."""
+    """Return the texts of the warnings about a fit: instability, no convergence, limits, undetermined parameters."""
     out = []
     radius = spectral_radius(fit.model.A)
     if radius > 1.0:
@@ -146,9 +157,13 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
 
 
 def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
-    """Return the path of each object in each file, the length unit, and the losses recorded in the inputs.
+    """Return the path of each object in each input file, their length unit, and the losses recorded in the files.
 
-    UsageError if truth is to have covariances; InputError if no position is left.
+    `request` names the files and the objects to use, `config` states the measurement noise.
+
+    Raises:
+        UsageError: covariances are to be used, and the input is truth, which has none.
+        InputError: no position is left, or the inputs have different units.
     """
     paths: list[MeasuredPath] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
@@ -172,9 +187,10 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[MeasuredPath]:
-    """Return the path of each object by ascending identity, with the first of several positions at one time.
+    """Return the measured path (times, positions, covariances) of each object, by ascending identity.
 
-    `targets` are the identities to use; empty: all, but of truth those with the role `target`.
+    Of several positions at one time the first is used. `targets` are the identities to use; empty: all, but of truth
+    those with the role `target`.
     """
     used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
     if isinstance(table, Truth) and not targets:

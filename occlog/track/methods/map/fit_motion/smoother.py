@@ -35,10 +35,11 @@ CV = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
 
 
 class SmootherSums(NamedTuple):
-    """Expectations of products, summed over transitions, given all measurements.
+    """Expectations of products, summed over n transitions and m measurements, given all measurements (E step).
 
-    They are of x_t and of d = x_t+1 - CV x_t, what constant velocity does not explain: sums of
-    x_t+1 itself, which may be far from the origin, would lose d by rounding.
+    With d = x_t+1 - CV x_t, what constant velocity does not explain: DD of d d', DX of d x_t', XX of x_t x_t', each
+    (4, 4), and E (2, 2) of (z - C x)(z - C x)' of the measurements z. Sums of x_t+1 itself, which may be far from the
+    origin, would lose d by rounding.
     """
 
     n: int  # transitions
@@ -52,18 +53,20 @@ class SmootherSums(NamedTuple):
 def smooth(
     first: Bools, seen: Bools, off: Floats, xy: Floats, R: Floats, A: Floats, sigma: Floats
 ) -> tuple[float, SmootherSums, Floats, Floats]:
-    """Run filter and smoother.
-
-    Return the log likelihood, the sums, and smoothed means (K, 4) and covariances (K, 4, 4).
+    """Run the Kalman filter and Rauch-Tung-Striebel smoother over K nodes of one or more trajectories.
 
     Args:
         first: (K,) a trajectory begins; true at 0, and every such node is seen.
         seen: (K,) there is a measurement.
         off: (K,) time of the measurement after the node, in steps.
-        xy: (K, 2) the measurements.
+        xy: (K, 2) measured positions.
         R: (K, 2, 2) covariances of the measurements' errors, positive definite where seen.
         A: (4, 4) transition matrix of one step.
         sigma: (4, 4) process noise covariance of one step, positive definite.
+
+    Returns:
+        Log likelihood of the measurements, the sums of the E step, smoothed means (K, 4) x, vx, y, vy and covariances
+        (K, 4, 4).
     """
     log_likelihood, mean, cov, before, before_cov = _filter(
         first=first, seen=seen, off=off, xy=xy, R=R, A=A, sigma=sigma
@@ -76,7 +79,10 @@ def smooth(
 
 @kernel
 def _observation_matrix(off: float) -> Floats:
-    """Return the measurement matrix C (2, 4) of a position measured `off` steps after its node."""
+    """Return the measurement matrix C (2, 4) of a position measured `off` steps after its node: x + off * velocity.
+
+    The state is x, vx, y, vy, velocities per step.
+    """
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 2] = 1.0
     C[0, 1] = C[1, 3] = off
@@ -87,6 +93,23 @@ def _observation_matrix(off: float) -> Floats:
 def _filter(
     first: Bools, seen: Bools, off: Floats, xy: Floats, R: Floats, A: Floats, sigma: Floats
 ) -> tuple[float, Floats, Floats, Floats, Floats]:
+    """Kalman filter over K nodes of one or more trajectories.
+
+    A first node has the prior (its measured position, velocity 0) with variance `VAGUE`.
+
+    Args:
+        first: (K,) a trajectory begins.
+        seen: (K,) there is a measurement.
+        off: (K,) time of the measurement after the node, in steps.
+        xy: (K, 2) measured positions.
+        R: (K, 2, 2) covariances of the measurements' errors.
+        A: (4, 4) transition matrix of one step.
+        sigma: (4, 4) process noise covariance of one step.
+
+    Returns:
+        Log likelihood of the measurements, filtered means (K, 4) and covariances (K, 4, 4), and the predicted means and
+        covariances before each update.
+    """
     K = first.shape[0]
     mean, cov = np.empty((K, 4)), np.empty((K, 4, 4))
     before, before_cov = np.empty((K, 4)), np.empty((K, 4, 4))
@@ -132,10 +155,19 @@ def _smooth(
     A: Floats,
     F: Floats,
 ) -> tuple[int, Floats, Floats, Floats, int, Floats]:
-    """Smooth by Rauch-Tung-Striebel, and return the sums that make `SmootherSums`, in its order.
+    """Smooth by Rauch-Tung-Striebel; return n, DD, DX, XX, m and E of `SmootherSums`.
 
-    `mean` (K, 4) and `cov` (K, 4, 4) of the filter become those given all measurements, in place; `before` and
-    `before_cov` are the filter's predictions. F (4, 4) is CV; other arguments are those of `smooth`.
+    Args:
+        first: (K,) a trajectory begins.
+        seen: (K,) there is a measurement.
+        off: (K,) time of the measurement after the node, in steps.
+        xy: (K, 2) measured positions.
+        mean: (K, 4) of the filter; becomes that given all measurements.
+        cov: (K, 4, 4) of the filter; becomes that given all measurements.
+        before: (K, 4) predictions of the filter.
+        before_cov: (K, 4, 4) of the predictions.
+        A: (4, 4) transition matrix of one step.
+        F: (4, 4) constant-velocity transition, from which d = x_t+1 - F x_t is computed.
     """
     K = first.shape[0]
     DD, DX, XX, E = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((2, 2))
@@ -168,7 +200,10 @@ BRIDGED = 2.0
 
 
 class MeasuredPath(NamedTuple):
-    """Measured positions of one object at rising times, with covariances if known."""
+    """Measured positions of one object: times `t_ns` (N,), rising, and `xy` (N, 2).
+
+    `cov` (N, 2, 2) are the covariances of the positions' errors; None: unknown.
+    """
 
     t_ns: Ints  # (N,) rising
     xy: Floats  # (N, 2)
@@ -176,7 +211,12 @@ class MeasuredPath(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Trajectories on time grids of equal steps, one after another; K nodes."""
+    """Trajectories on time grids of equal steps, one after another; K nodes in all.
+
+    `first` (K,): a trajectory begins; `seen` (K,): there is a measurement, `off` (K,) steps after the node, at `xy`
+    (K, 2) with covariance `cov` (K, 2, 2) (0 if missing). `skipped` is the number of measurements omitted because
+    another was nearer to the node.
+    """
 
     first: Bools  # (K,) a trajectory begins here
     seen: Bools  # (K,) there is a measurement
@@ -200,12 +240,14 @@ def median_step(paths: Iterable[MeasuredPath]) -> float:
 
 
 def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float) -> Nodes:
-    """Put all paths on their time grids; trajectories of a single position are omitted (not counted as skipped).
+    """Put all paths on time grids of equal steps; trajectories with a single measured node are omitted.
+
+    Those are not counted as skipped.
 
     Args:
         paths: one for each object and file.
-        step_s: time between nodes, > 0.
-        longest_gap_s: positions farther apart in time belong to different trajectories.
+        step_s: time between nodes [s], > 0.
+        longest_gap_s: positions farther apart in time [s] belong to different trajectories.
     """
     parts = [n for path in paths for piece in split(path, longest_gap_s) if (n := _nodes_of(piece, step_s)) is not None]
     if not parts:
@@ -218,7 +260,7 @@ def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: floa
 
 
 def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
-    """Return the path split at gaps longer than `longest_gap_s` [s]."""
+    """Return the parts of a path between gaps longer than `longest_gap_s` [s], in the order of time."""
     cuts = np.flatnonzero(np.diff(path.t_ns) > longest_gap_s * 1e9 * (1.0 + 1e-9)) + 1
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [
@@ -230,7 +272,7 @@ def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
 def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
     """Return one trajectory on its grid of steps of `step_s` [s], starting at its first position.
 
-    None if only one node is measured.
+    A position belongs to the nearest node; of several the nearest in time is used. None if only one node is measured.
     """
     if len(path.t_ns) < 2:
         return None
@@ -254,7 +296,7 @@ def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
 def transitions_by_differences(
     paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float
 ) -> tuple[Floats, Floats]:
-    """Return M states (M, 4) u u' v v' from central differences, and the states (M, 4) one step later.
+    """Return M states (M, 4) x, vx, y, vy from central differences, and the states (M, 4) one step later.
 
     Velocities are per step of `step_s` [s]. Positions are interpolated linearly to equal steps, over gaps of at most
     `BRIDGED` steps; paths are cut at gaps longer than `longest_gap_s` [s].
@@ -266,6 +308,10 @@ def transitions_by_differences(
 
 
 def _pairs(path: MeasuredPath, step_s: float) -> tuple[Floats, Floats]:
+    """Return the states (M, 4) x, vx, y, vy of one path by central differences, and the states one step later.
+
+    Velocities are per step of `step_s` [s]; empty for paths shorter than 3 steps.
+    """
     steps = int((path.t_ns[-1] - path.t_ns[0]) * 1e-9 / step_s + 1e-6) if len(path.t_ns) else 0
     if steps < 3:
         return np.empty((0, 4)), np.empty((0, 4))

@@ -34,7 +34,10 @@ VELOCITY = (1, 3)
 
 
 class GaussMarkov(NamedTuple):
-    """A linear motion model: x' = A x + N(0, sigma) over one step."""
+    """A linear Gaussian motion model x' = A x + N(0, sigma) of the state x, vx, y, vy over one step of `step_s` [s].
+
+    A is (4, 4); `sigma` (4, 4) is positive definite.
+    """
 
     A: Floats  # (4, 4)
     sigma: Floats  # (4, 4), positive definite
@@ -42,18 +45,21 @@ class GaussMarkov(NamedTuple):
 
 
 class Diffusion(NamedTuple):
-    """Gauss-Markov model in continuous time: dx = B x dt + noise of covariance S dt."""
+    """Gauss-Markov motion in continuous time: dx = B x dt + noise of covariance S dt, of the state x, vx, y, vy.
+
+    B (4, 4) is per second; S (4, 4) is positive semidefinite.
+    """
 
     B: Floats  # (4, 4) per second
     S: Floats  # (4, 4), positive semi-definite
 
 
 def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -> GaussMarkov:
-    """Return the constant-velocity model with white acceleration and additional position noise.
+    """Return the constant-velocity model with white acceleration and additional white position noise.
 
     Args:
         acceleration: standard deviation of the velocity accumulated over 1 s, per axis; > 0.
-        jitter: standard deviation of the position accumulated over 1 s also, per axis; >= 0.
+        jitter: standard deviation of the position that is accumulated over 1 s in addition, per axis; >= 0.
         step_s: length of the step [s].
     """
     t = step_s
@@ -65,7 +71,7 @@ def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -
 
 
 def diffusion(model: GaussMarkov) -> Diffusion:
-    """Convert the model to continuous time.
+    """Convert the model to continuous time; S is the nearest one without negative eigenvalues.
 
     Raises:
         ValueError: A has no real logarithm (an eigenvalue is negative or 0).
@@ -86,7 +92,7 @@ def diffusion(model: GaussMarkov) -> Diffusion:
 
 
 def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
-    """Return A (K, 4, 4) and Sigma (K, 4, 4) for steps of lengths `dt` (K,) [s], > 0.
+    """Return A (K, 4, 4) and Sigma (K, 4, 4) of the motion over steps of lengths `dt` (K,) [s], > 0.
 
     Raises:
         ValueError: there are steps of other lengths than the model's own, and A has no real logarithm.
@@ -101,9 +107,9 @@ def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
 
 @kernel
 def _step(B: Floats, S: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Return exp(B dt) (4, 4) and the noise covariance (4, 4) of a step: a series for a short step, repeatedly doubled.
+    """Return exp(B dt) (4, 4) and the noise covariance (4, 4) of a step of `dt` [s].
 
-    B and S are those of `Diffusion`, `dt` is in seconds.
+    They are series for a short step, which is doubled repeatedly. B and S are those of `Diffusion`.
     """
     norm = np.abs(B).sum(axis=1).max() * dt
     doublings = max(0, math.ceil(math.log2(norm / SMALL))) if norm > 0.0 else 0
@@ -123,6 +129,10 @@ def _step(B: Floats, S: Floats, dt: float) -> tuple[Floats, Floats]:
 
 @kernel
 def _steps(B: Floats, S: Floats, dt: Floats) -> tuple[Floats, Floats]:
+    """Return exp(B dt) (K, 4, 4) and the noise covariances (K, 4, 4) of K steps of lengths `dt` (K,) [s].
+
+    B and S are those of `Diffusion`.
+    """
     A, Q = np.empty((dt.shape[0], 4, 4)), np.empty((dt.shape[0], 4, 4))
     for k in range(dt.shape[0]):
         A[k], Q[k] = _step(B, S, dt[k])

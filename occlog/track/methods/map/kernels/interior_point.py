@@ -58,12 +58,12 @@ def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, B
     """Move states as little as needed to satisfy all half-planes with a margin, each state separately.
 
     Args:
-        X: (T, 4) states; only positions change.
-        planes: M half-planes, by rising step.
-        margin: wanted distance to each, > 0; where there is not so much room, less is taken.
+        X: (T, 4) states x, vx, y, vy; only positions change, in a copy.
+        planes: M half-planes, sorted by state.
+        margin: distance to each, > 0; where there is not so much room, less is taken, down to `THINNEST` of it.
 
     Returns:
-        X and (T,) bool: which states cannot hold all of theirs.
+        The states, and a mask (T,) of states that cannot satisfy all of theirs.
     """
     out = np.array(X, dtype=np.float64)
     contradictory = np.zeros(len(X), dtype=np.bool_)
@@ -74,9 +74,9 @@ def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, B
 
 @kernel
 def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools) -> None:
-    """Project each state of X (T, 4) repeatedly onto its most violated half-plane, in place, with a decreasing margin.
+    """Project each state of X (T, 4) repeatedly onto its most violated half-plane, in place, with decreasing margin.
 
-    `contradictory` (T,) is set for the states of half-planes that cannot all be held with `THINNEST` of the margin.
+    `contradictory` (T,) is written for states with half-planes: whether not even `THINNEST` of the margin is possible.
     """
     M = planes.step.shape[0]
     first = 0
@@ -95,9 +95,9 @@ def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools)
 
 @kernel
 def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state of X in place to satisfy its half-planes first .. last - 1 by `want`.
+    """Move one state of X (T, 4) in place until it satisfies its half-planes first .. last - 1 by the distance `want`.
 
-    Return False if impossible.
+    Return False if no such position is found.
     """
     t = planes.step[first]
     for _ in range(ROUNDS):
@@ -116,10 +116,10 @@ def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) ->
 
 @kernel
 def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state of X in place to the nearest feasible corner of its half-planes; return False if there is none.
+    """Move one state of X (T, 4) in place to the nearest feasible corner of its half-planes first .. last - 1.
 
-    It holds half-planes first .. last - 1 by half of `want` at least. Used where projections converge slowly, in narrow
-    wedges.
+    It satisfies all of them by at least half of `want`; return False if there is none. Used where projections converge
+    slowly, in narrow wedges.
     """
     t, n, nearest = planes.step[first], planes.normal, np.inf
     x, y = X[t, 0], X[t, 2]
@@ -138,7 +138,7 @@ def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -
 
 @kernel
 def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> float:
-    """Return the smallest slack of half-planes first .. last - 1 at point (u, v)."""
+    """Return the smallest distance of point (u, v) inside half-planes first .. last - 1; negative: outside."""
     least = np.inf
     for m in range(first, last):
         least = min(least, planes.normal[m, 0] * u + planes.normal[m, 1] * v - planes.offset[m])
@@ -147,7 +147,7 @@ def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> flo
 
 @kernel
 def _square(U: Floats, out: Floats) -> None:
-    """Set `out` (4, 4) to U' U, for a lower triangular U (4, 4)."""
+    """Write U' U to `out` (4, 4), for a lower triangular U (4, 4)."""
     for i in range(4):
         for j in range(i + 1):
             v = 0.0
@@ -159,7 +159,10 @@ def _square(U: Floats, out: Floats) -> None:
 
 @kernel
 def _cholesky(S: Floats, R: Floats) -> bool:
-    """Write the factor of S = R' R (4, 4) with R upper triangular; return False if S is not positive definite."""
+    """Write the upper triangular R (4, 4) with S = R' R, the Cholesky factor of a symmetric S (4, 4).
+
+    Return False, with R incomplete, if S is not numerically positive definite.
+    """
     for i in range(4):
         v = S[i, i]
         for k in range(i):
@@ -180,13 +183,13 @@ def _cholesky(S: Floats, R: Floats) -> bool:
 
 @kernel
 def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
-    """Compute R and N by Cholesky in place; return False if the Hessian is not numerically positive definite.
+    """Factor the Hessian as R' R by Cholesky; return False if it is not numerically positive definite.
 
     Args:
-        steps: the chain.
-        H: (T, 3) Hessian of all but the chain's part, by position: xx, xy, yy.
-        R: (T, 4, 4) changed in place.
-        N: (T, 4, 4) changed in place; the last one is 0.
+        steps: the motion chain.
+        H: (T, 3) Hessian of all other terms by position: xx, xy, yy.
+        R: (T, 4, 4) written: diagonal blocks, upper triangular.
+        N: (T, 4, 4) written: blocks to the right of them; the last one is 0.
     """
     T = H.shape[0]
     S, W, B = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
@@ -229,9 +232,9 @@ def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
 
 @kernel
 def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None:
-    """Triangularise `count` columns of M from `start` by Householder reflections, in place.
+    """Triangularise `count` columns of M from column `start` by Householder reflections, in place.
 
-    Column start + c becomes 0 below row c; `rows` and `columns` of M are used.
+    Column start + c becomes 0 below row c; only the first `rows` rows and `columns` columns of M are used.
     """
     for c in range(count):
         j, norm2 = start + c, 0.0
@@ -257,13 +260,13 @@ def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None
 
 @kernel
 def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
-    """Compute R and N by reflections in place, for positive semidefinite H.
+    """Factor a Gauss-Newton Hessian as R' R by Householder reflections, without forming it; never fails.
 
     Args:
-        steps: the chain.
-        H: (T, 3) Hessian of all but the chain's part, by position: xx, xy, yy.
-        R: (T, 4, 4) changed in place.
-        N: (T, 4, 4) changed in place; the last one is 0.
+        steps: the motion chain.
+        H: (T, 3) Hessian of all other terms by position, positive semidefinite: xx, xy, yy.
+        R: (T, 4, 4) written: diagonal blocks, upper triangular.
+        N: (T, 4, 4) written: blocks to the right of them; the last one is 0.
     """
     T = H.shape[0]
     M, rest = np.empty((10, 8)), np.empty((6, 4))
@@ -300,8 +303,7 @@ def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
 def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
     """Solve R' R x = b for vectors b (T, 4), and write x (T, 4).
 
-    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those right of them, from `factor_sum` or
-    `factor_rows`.
+    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those to the right of them.
     """
     T = R.shape[0]
     for t in range(T):  # forward: R' y = b
@@ -328,7 +330,7 @@ def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
 def inverse_blocks(R: Floats, N: Floats, out: Floats) -> None:
     """Write the diagonal blocks (T, 4, 4) of the inverse of R' R to `out`: the covariance of each state.
 
-    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those right of them, from `factor_rows`.
+    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those to the right of them.
     """
     T = R.shape[0]
     inverse, E = np.zeros((4, 4)), np.empty((4, 4))
@@ -365,7 +367,11 @@ MIN_EXACT = 0.1
 
 
 class Iterate(NamedTuple):
-    """One iteration of the search: states, cost, step and barrier weight."""
+    """One iteration of the search: its number (0: the start), the T states after it, and how it went.
+
+    `X` (T, 4) x, vx, y, vy, `cost`, `step` (share of the Newton step taken), `moved` (largest change of a position),
+    barrier weight `mu`, and `exact`, the share of exact second derivatives.
+    """
 
     number: int  # 0: the start
     X: Floats  # (T, 4) states after it
@@ -377,7 +383,10 @@ class Iterate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """End of a search for the minimum, converged or not: states, cost, and multipliers of the constraints."""
+    """End of a search for the minimum: states X (T, 4) x, vx, y, vy, cost, iterations, and whether it converged.
+
+    `multiplier` (M,) are the Lagrange multipliers of the M constraints.
+    """
 
     X: Floats  # (T, 4)
     cost: float
@@ -387,7 +396,10 @@ class Solution(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Stopping criteria of a search for the minimum, and its first barrier weight."""
+    """Stopping criteria of a search, and its first barrier weight `mu`.
+
+    `tolerance` is the largest change of a position in the last iteration [scene unit], `most` the number of iterations.
+    """
 
     tolerance: float  # largest change of a position in the last iteration
     most: int = 200  # iterations
@@ -395,7 +407,7 @@ class Options(NamedTuple):
 
 
 def cost(problem: TrajectoryProblem, X: Floats) -> float:
-    """Return the negative log posterior of states X (T, 4), up to a constant; constraints do not count."""
+    """Return the negative log posterior of states X (T, 4) x, vx, y, vy, up to a constant; constraints do not count."""
     total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
     return total + priors_cost(problem.hints, X) if len(problem.hints.step) else total
 
@@ -405,11 +417,13 @@ def minimise(
 ) -> Solution:
     """Return the local minimum of the cost inside the constraints, reached from a start by the interior point method.
 
+    The solution states whether it converged within the iterations.
+
     Args:
         problem: cost and constraints of the trajectory.
-        start: (T, 4) states, strictly inside all constraints.
+        start: (T, 4) states x, vx, y, vy, strictly inside all constraints.
         options: when to stop.
-        watch: called with the start and after every iteration.
+        watch: called with the start and after every iteration; None: not.
 
     Raises:
         ValueError: the start is not inside the constraints.
@@ -452,7 +466,7 @@ def minimise(
 def _direction(
     problem: TrajectoryProblem, X: Floats, mu: float, multiplier: Floats, exact: float
 ) -> tuple[Floats, Floats, float]:
-    """Return the gradient (T, 4) of the barrier cost, a descent step (T, 4), and the share of exact second derivatives.
+    """Return the gradient (T, 4) of the barrier cost, a descent step (T, 4), and its share of exact second derivatives.
 
     Args:
         problem: cost and constraints of the trajectory.
@@ -482,9 +496,10 @@ def _direction(
 
 
 def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Floats, Floats]:
-    """Return the gradient (T, 4) of the cost at X (T, 4), and the Hessian (T, 3) by position: xx, xy, yy.
+    """Return the gradient (T, 4) of the cost at X (T, 4), and its Hessian (T, 3) by position: xx, xy, yy.
 
-    The Hessian is without the chain's part; `exact` as in `add_lines`.
+    The Hessian is without the motion chain's part; `exact` is the share of exact second derivatives of bearings, 0:
+    those of Gauss and Newton.
     """
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
@@ -497,9 +512,9 @@ def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Fl
 def _search(
     problem: TrajectoryProblem, X: Floats, dX: Floats, slope: float, mu: float, here: float
 ) -> tuple[float, float]:
-    """Search along a step: return the share of it that lowers the barrier cost enough, and the cost there.
+    """Return the share, 0 to 1, of a step that lowers the barrier cost enough (Armijo), and the cost there.
 
-    Without such a share it is 0.
+    It keeps inside the constraints; 0 if no share lowers it. The cost is without the barrier.
 
     Args:
         problem: cost and constraints of the trajectory.
@@ -527,10 +542,17 @@ def _search(
 
 
 def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
-    """Return the (M,) multipliers after a primal-dual step, of which `share` is taken; see `KAPPA`.
+    """Return the multipliers (M,) of the constraints after a primal-dual step.
 
-    X (T, 4) are the states before the step, dX (T, 4) the whole step, `mu` the weight of the barrier, `multiplier` (M,)
-    those before.
+    They are kept within the factor `KAPPA` of mu / slack.
+
+    Args:
+        problem: cost and constraints of the trajectory.
+        X: (T, 4) states before the step.
+        dX: (T, 4) the whole step.
+        share: share of the step that is taken.
+        mu: weight of the barrier.
+        multiplier: (M,) multipliers before.
     """
     if not len(multiplier):
         return multiplier
@@ -542,9 +564,9 @@ def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu:
 
 
 def covariance(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """Return (T, 4, 4) state covariances at X (T, 4): diagonal blocks of the inverse Gauss-Newton Hessian.
+    """Return state covariances (T, 4, 4) at X (T, 4): diagonal blocks of the inverse Gauss-Newton Hessian.
 
-    Constraints do not count.
+    States are x, vx, y, vy; constraints do not count.
     """
     R, N, out = (np.empty((len(X), 4, 4)) for _ in range(3))
     factor_rows(problem.steps, derivatives(problem, X, 0.0)[1], R, N)

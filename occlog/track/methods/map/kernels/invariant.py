@@ -33,7 +33,10 @@ APART = 1e-3
 
 
 class Invariant(NamedTuple):
-    """Minimum of the cost with its volume term."""
+    """Minimum, independent of the coordinates, of the cost with its volume term (half the log det of the information).
+
+    `problem` is the cost with that term, `solution` its minimum, `covariance` (T, 4, 4) of the states there.
+    """
 
     problem: TrajectoryProblem
     solution: Solution
@@ -43,9 +46,11 @@ class Invariant(NamedTuple):
 def invariant(problem: TrajectoryProblem, start: Solution, options: Options, extent: float) -> Invariant:
     """Return the estimate that does not depend on the coordinates, reached from the mode.
 
+    Leverages and minimum are computed in turn until positions settle.
+
     Args:
-        problem: with all lines of sight in front of their cameras.
-        start: minimum of the problem.
+        problem: cost and constraints, with all lines of sight in front of their cameras.
+        start: minimum of the problem (the mode).
         options: stopping criteria of each search.
         extent: size of the scene.
     """
@@ -72,7 +77,7 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
 
 
 def second_moment(X: Floats, centre: Floats, spread: Floats) -> Floats:
-    """Return (T, 4, 4) second moments about states X (T, 4) of Gaussians with another mean.
+    """Return second moments (T, 4, 4) about states X (T, 4) of Gaussians with another mean.
 
     Their means are `centre` (T, 4), their covariances `spread` (T, 4, 4).
     """

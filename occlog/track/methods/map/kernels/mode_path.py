@@ -28,7 +28,11 @@ MIN_DISTANCE_SIGMAS = 3.0
 
 
 class ModeChain(NamedTuple):
-    """N modes at W times, sorted by time, at least one per time."""
+    """N modes (possible positions) at W times, sorted by time, at least one per time.
+
+    `first` (W + 1,) is the first mode of each time, `seconds` (W,) the times, `xy` (N, 2) and `covariance` (N, 2, 2)
+    the positions, `cost` (N,) - log of each mode's probability, up to a constant of its time.
+    """
 
     first: Ints  # (W + 1,) first mode of each time
     seconds: Floats  # (W,) rising
@@ -38,9 +42,11 @@ class ModeChain(NamedTuple):
 
 
 class PairCosts(NamedTuple):
-    """Costs of the cheapest paths through P pairs of modes at successive times.
+    """Costs of the cheapest paths through each of P pairs of modes at successive times, sorted by time.
 
-    The pairs of a time are in the order of their modes.
+    `first` (W,) is the first pair of times t and t + 1, the last entry P; pair index = first + mode of t times number
+    of modes of t + 1 + mode of t + 1. `before` (P,) is the least cost up to and including a pair, `after` (P,) of what
+    follows, `back` and `ahead` (P,) the neighbouring pairs on these paths (-1: none).
     """
 
     first: Ints  # (W,) first pair of modes of times t and t + 1; the last entry is P
@@ -52,23 +58,23 @@ class PairCosts(NamedTuple):
 
 @kernel
 def half_square(e0: float, e1: float, s00: float, s01: float, s11: float) -> float:
-    """Return half the squared Mahalanobis length of a 2-D vector (e0, e1) with covariance s00, s01, s11."""
+    """Return half the squared Mahalanobis length of a vector (e0, e1) with the covariance [[s00, s01], [s01, s11]]."""
     det = max(s00 * s11 - s01 * s01, 1e-300)
     return 0.5 * (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / det
 
 
 @kernel
 def turn_cost(chain: ModeChain, i: int, j: int, k: int, a: float, b: float, q: float) -> float:
-    """Return the cost of the second difference of three modes.
+    """Return the cost of the second difference of three successive modes under white acceleration.
 
     Args:
         chain: the modes.
-        i: mode of the first time.
-        j: mode of the second.
-        k: mode of the third.
+        i: index of the mode of the first time.
+        j: index of the mode of the second.
+        k: index of the mode of the third.
         a: time from the first to the second [s].
         b: time from the second to the third [s].
-        q: variance per axis that the velocity gathers in a second.
+        q: variance per axis that the velocity gains in a second.
     """
     r = b / a
     e0 = chain.xy[k, 0] - chain.xy[j, 0] - r * (chain.xy[j, 0] - chain.xy[i, 0])
@@ -86,16 +92,16 @@ def turn_cost(chain: ModeChain, i: int, j: int, k: int, a: float, b: float, q: f
 
 @kernel
 def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: Floats, spread: Floats) -> float:
-    """Return the cost of the first two modes: their difference under the prior of the velocity.
+    """Return the cost of the difference of the first two modes under the prior of the velocity.
 
     Args:
         chain: the modes.
-        i: mode of the first time.
-        j: mode of the second.
+        i: index of the mode of the first time.
+        j: index of the mode of the second.
         a: time between the two [s].
-        q: variance per axis that the velocity gathers in a second.
-        velocity: (2,) mean of the velocity at first.
-        spread: (2, 2) covariance of the velocity.
+        q: variance per axis that the velocity gains in a second.
+        velocity: (2,) prior mean of the velocity.
+        spread: (2, 2) prior covariance of the velocity.
     """
     C, moved = chain.covariance, q * a**3 / 3.0
     return half_square(
@@ -109,13 +115,13 @@ def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: F
 
 @kernel
 def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> PairCosts:
-    """Compute the cheapest path through every pair of modes of successive times, by dynamic programming.
+    """Return the costs of the cheapest path through every pair of modes of successive times, by dynamic programming.
 
     Args:
         chain: modes of W >= 2 times.
-        q: variance per axis that the velocity gathers in a second.
-        velocity: (2,) mean of the velocity at first.
-        spread: (2, 2) covariance of the velocity.
+        q: variance per axis that the velocity gains in a second.
+        velocity: (2,) prior mean of the initial velocity.
+        spread: (2, 2) prior covariance of the initial velocity.
     """
     W, m = chain.seconds.shape[0], chain.first
     first = np.zeros(W, dtype=np.int64)
@@ -155,7 +161,10 @@ def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> 
 
 
 def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
-    """Return (W,) indices of the modes of the cheapest path through the pair with index `pair`."""
+    """Return (W,) indices of the modes, one per time, of the cheapest path through the pair with index `pair`.
+
+    `pairs` are the costs of all pairs of modes at successive times, from `pair_costs`.
+    """
     path, one = [pair], pair
     while (one := int(pairs.back[one])) >= 0:
         path.append(one)
@@ -170,12 +179,12 @@ def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
 
 
 def distinct_paths(chain: ModeChain, pairs: PairCosts, most: int, gap: float) -> list[Ints]:
-    """Return the (W,) modes of the cheapest path, then of the cheapest paths through a mode away from all paths before.
+    """Return the modes (W,) of the cheapest path, then of cheapest paths through a mode distinct from all paths before.
 
     Args:
         chain: the modes.
         pairs: cheapest path through every pair of modes, from `pair_costs`.
-        most: number of paths at most.
+        most: largest number of paths.
         gap: paths that cost more than the cheapest plus this are omitted.
     """
     through = pairs.before + pairs.after

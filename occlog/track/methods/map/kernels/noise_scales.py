@@ -34,7 +34,10 @@ MIN_VARIANCE_SCALE, MAX_VARIANCE_SCALE = 0.2, 20.0
 
 
 class ResidualEvidence(NamedTuple):
-    """Sums of squared residuals with their effective degrees of freedom."""
+    """Sums of squared normalised residuals of bearings and motion, with their effective degrees of freedom.
+
+    `lines` and `lines_freedom` are of the bearings (weighted by the loss), `steps` and `steps_freedom` of the motion.
+    """
 
     lines: float
     lines_freedom: float
@@ -43,20 +46,20 @@ class ResidualEvidence(NamedTuple):
 
     @property
     def lines_scale(self) -> float:
-        """Return the variance of bearings as a multiple of its stated value."""
+        """Factor of the stated variance of bearings that their residuals suggest, shrunk towards 1."""
         return (PRIOR_RESIDUALS + self.lines) / (PRIOR_RESIDUALS + self.lines_freedom)
 
     @property
     def steps_scale(self) -> float:
-        """Return the variance of the motion as a multiple of its stated value."""
+        """Factor of the stated variance of the motion that its residuals suggest, shrunk towards 1."""
         return (PRIOR_RESIDUALS + self.steps) / (PRIOR_RESIDUALS + self.steps_freedom)
 
 
 @kernel
 def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """Return (N,) weights, 0 to 1, of lines of sight in iteratively reweighted least squares at states X (T, 4).
+    """Return (N,) weights, 0 to 1, of bearings in iteratively reweighted least squares at states X (T, 4).
 
-    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter.
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations].
     """
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
@@ -66,11 +69,11 @@ def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats
 
 
 def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualEvidence:
-    """Return sums of squared residuals over all bearings and motion steps.
+    """Return the sums of squared residuals of all bearings and motion steps, with their degrees of freedom.
 
     Args:
-        problem: with the stated variances.
-        X: (T, 4) states at the minimum of the problem.
+        problem: cost with the stated variances.
+        X: (T, 4) states x, vx, y, vy at the minimum of the problem.
         spread: (T, 4, 4) covariances at the minimum.
     """
     lines, steps = problem.lines, problem.steps
@@ -87,7 +90,7 @@ def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualE
 
 
 def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> TrajectoryProblem:
-    """Return the problem with variances of lines of sight multiplied by `lines2`, those of motion steps by `steps2`."""
+    """Return the problem with variances of bearings times `lines2`, and those of motion steps times `steps2`."""
     steps: ChainSteps = problem.steps._replace(
         sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
     )
@@ -96,10 +99,10 @@ def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> Trajec
 
 
 def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
-    """Return (T, 4, 4) state covariances with the noise of bearings and motion scaled to their residuals.
+    """Return state covariances (T, 4, 4) with the noise of bearings and motion scaled to their residuals.
 
-    With C the inverse of M + G, M the information of lines of sight and G that of the motion, the covariance is
-    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the lines of sight.  The motion counts as
+    With C the inverse of M + G, M the information of bearings and G that of the motion, the covariance is
+    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the bearings.  The motion counts as
     stated at least: a target that stood still may move off.
 
     Args:
@@ -118,7 +121,10 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
 
 
 def between(part: Floats, whole: Floats) -> Floats:
-    """Return a covariance `part` (T, 4, 4), clipped to between 0 and `whole` (T, 4, 4) against rounding errors."""
+    """Return covariances `part` (T, 4, 4) clipped to between 0 and `whole` (T, 4, 4), against rounding errors.
+
+    Relative to `whole`, eigenvalues are limited to 0 to 1 where one exceeds that by more than `BEYOND`.
+    """
     size, axes = np.linalg.eigh(whole)
     root = axes * np.sqrt(np.maximum(size, np.finfo(np.float64).tiny))[:, None, :]
     back = np.linalg.pinv(root, rcond=0.0)

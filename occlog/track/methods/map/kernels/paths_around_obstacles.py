@@ -27,7 +27,12 @@ from .windows import StatePrior, part
 
 
 class Obstacle(NamedTuple):
-    """A polygon that the target avoids: a wall, or a field of view in which it was not detected."""
+    """A polygon that the target avoids: a wall, or a field of view in which the camera did not detect it.
+
+    `corners` (K, 2) are counter-clockwise, `pieces` its convex parts. For a wall `seen_through` is None; for a view it
+    has the convex polygons that hide positions from the camera at `eye` (2,). `when` (T,) marks the states at which it
+    counts, `price` is the cost of a state inside (infinite: not allowed).
+    """
 
     corners: Floats  # (K, 2) simple, counter-clockwise
     pieces: tuple[Floats, ...]  # convex, counter-clockwise; they make it up
@@ -38,7 +43,10 @@ class Obstacle(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """States first .. last (inclusive) that are constrained outside an obstacle (index)."""
+    """States `first` to `last` (inclusive) of a trajectory that are constrained outside an obstacle.
+
+    `obstacle` is its index.
+    """
 
     obstacle: int
     first: int
@@ -46,13 +54,13 @@ class Hold(NamedTuple):
 
 
 def segments(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
-    """Generate the segments of states inside an obstacle, or at the ends of a step through a wall.
+    """Generate the runs of states inside an obstacle, or at the ends of a step through a wall.
 
     Args:
-        X: (T, 4) states.
+        X: (T, 4) states x, vx, y, vy.
         obstacles: K obstacles.
-        left_alone: (K, T) states that may be inside each.
-        touch: depth up to which states do not count as inside.
+        left_alone: (K, T) states that may be inside each obstacle.
+        touch: depth up to which states do not count as inside [scene unit].
     """
     xy = np.ascontiguousarray(X[:, ::2])
     for k, o in enumerate(obstacles):
@@ -68,10 +76,10 @@ def segments(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touc
 
 
 def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
-    """Return (T,) booleans: position `xy` (T, 2) is inside an obstacle by more than `touch`.
+    """Return a mask (T,): position `xy` (T, 2) is inside the obstacle `o` by more than `touch` [scene unit].
 
-    For a wall, so are both ends of each step that crosses it; in a view, only states at which it counts and that no
-    wall hides.
+    For a wall, both ends of each step that crosses it count, too; in a view, only states at which it counts and that no
+    wall hides from the camera.
     """
     out = np.zeros(len(xy), dtype=np.bool_)
     if o.seen_through is None:
@@ -97,12 +105,12 @@ def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
 def guesses(
     X: Floats, obstacles: tuple[Obstacle, ...], segment: Hold, extent: float, clearance: float
 ) -> Iterator[Floats]:
-    """Generate initial trajectories (T, 4) that lead a segment around its obstacle on either side.
+    """Generate initial trajectories (T, 4) that lead a run of states around its obstacle on either side.
 
     Args:
-        X: (T, 4) states.
+        X: (T, 4) states x, vx, y, vy.
         obstacles: all obstacles.
-        segment: the segment.
+        segment: the run of states.
         extent: size of the scene.
         clearance: distance that is kept from walls.
     """
@@ -139,15 +147,15 @@ def guesses(
 
 
 def _within(xy: Floats, o: Obstacle) -> Bools:
-    """Return (T,) booleans: position `xy` (T, 2) is inside the obstacle's polygon."""
+    """Return a mask (T,): position `xy` (T, 2) is inside the obstacle's polygon, whether or not it counts there."""
     points = np.ascontiguousarray(xy)
     return np.asarray(np.any([separate(points, points, piece).gap < 0.0 for piece in o.pieces], axis=0))
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Generate trajectories with some states moved next to one of the obstacle's edges, by `away`, edge by edge.
+    """Generate trajectories with the states a + 1 .. b - 1 of X (T, 4) moved to one edge of the obstacle, edge by edge.
 
-    These are states a + 1 .. b - 1 of X (T, 4), of a segment that begins or ends the trajectory.
+    They are put at the distance `away` outside the edge. Used for runs that begin or end the trajectory.
     """
     K = len(o.corners)
     for k in range(K):
@@ -160,7 +168,7 @@ def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[F
 
 
 def hidden_from_view(xy: Floats, o: Obstacle, rows: Ints) -> Bools:
-    """Return, for each of the states `rows`, whether a wall hides it from the camera of a view obstacle.
+    """Return, for each of the states `rows`, whether a wall hides it from the camera of the view `o`; False for a wall.
 
     `xy` (T, 2) are all positions.
     """
@@ -189,7 +197,11 @@ MU = 1e-2
 
 
 class PathsAroundObstacles(NamedTuple):
-    """Minimum of the cost outside the obstacles, with the states that were led around them."""
+    """Minimum of the cost outside the obstacles: the problem with half-planes of the detours, and its solution.
+
+    `holds` are the runs of states that were led around an obstacle; `left_alone` (K, T) marks states inside each of the
+    K obstacles, for which no cheaper way around was found.
+    """
 
     problem: TrajectoryProblem  # with the half-planes of the detours
     solution: Solution
@@ -211,12 +223,12 @@ def find_paths_around(
 
     Args:
         problem: cost of the trajectory, with all constraints except the obstacles.
-        solved: the problem with the half-planes of the holds, and its minimum.
-        obstacles: what the trajectory must not run through.
+        solved: the problem with the half-planes of `holds`, and its minimum.
+        obstacles: K obstacles.
         options: stopping criteria of each search.
         extent: size of the scene.
         clearance: distance that is kept from walls.
-        holds: segments that are led around something already.
+        holds: runs of states that are led around an obstacle already.
         left_alone: (K, T) states that need not be outside each obstacle; None: none.
     """
     here, solution = solved
@@ -265,16 +277,16 @@ def _local_way(
     held: tuple[Hold, ...],
     space: tuple[Options, float, float],
 ) -> tuple[Floats | None, int]:
-    """Return the trajectory with one segment led around its obstacle the cheapest way, and the iterations used.
+    """Return the trajectory with one run of states led around its obstacle the cheapest way, and the iterations used.
 
-    Only nearby states move; None if no detour is found or none is worth its cost.
+    Only nearby states move; None if no detour is found or being inside costs less.
 
     Args:
         problem: cost of the trajectory, with all constraints except the obstacles.
-        X: (T, 4) states.
+        X: (T, 4) states x, vx, y, vy.
         obstacles: all obstacles.
-        segment: the segment.
-        held: segments that are led around something already.
+        segment: the run of states.
+        held: runs that are led around an obstacle already.
         space: options of each search, size of the scene, and distance that is kept from walls.
     """
     options, extent, clearance = space
@@ -309,10 +321,10 @@ def _local_way(
 
 
 def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
-    """Return the problem of states first .. last - 1, joined to the trajectory X (T, 4) at both ends.
+    """Return the problem of states first .. last - 1 alone, joined to the trajectory X (T, 4) at both ends.
 
-    The first state follows from X[first - 1].  The last two positions are held at X to a small share of `extent`,
-    except at the end of the trajectory and in parts of fewer than 3 states.
+    The prior of the first state follows from X[first - 1].  The last two positions are held at X with a standard
+    deviation of `PIN` times `extent`, except at the end of the trajectory and in parts of fewer than 3 states.
     """
     steps = problem.steps
     before = StatePrior(steps.mean, steps.spread)
@@ -342,6 +354,7 @@ def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent
 
 
 def _padded(segment: Hold, T: int) -> Hold:
+    """Return the run extended on both sides by half its length, at least `FEW` states, within the T states."""
     pad = max(FEW, (segment.last - segment.first) // 2)
     return segment._replace(first=max(0, segment.first - pad), last=min(T - 1, segment.last + pad))
 
@@ -349,9 +362,9 @@ def _padded(segment: Hold, T: int) -> Hold:
 def separating_planes(
     X: Floats, obstacles: tuple[Obstacle, ...], holds: Iterable[Hold], clearance: float
 ) -> tuple[HalfPlanes, float]:
-    """Return half-planes that keep the states of `holds` outside their obstacles, and the narrowest gap at X (T, 4).
+    """Return half-planes that keep the runs `holds` outside their obstacles, and the narrowest gap at X (T, 4).
 
-    The gap is negative inside; `clearance` is kept from walls.
+    The gap is negative inside an obstacle; `clearance` is the distance kept from walls.
     """
     xy = np.ascontiguousarray(X[:, ::2])
     parts, narrowest = [NO_PLANES], math.inf
@@ -365,9 +378,10 @@ def separating_planes(
 
 
 def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance: float) -> tuple[HalfPlanes, float]:
-    """Return half-planes between the states of `hold` and a convex piece (K, 2) of an obstacle, and the narrowest gap.
+    """Return half-planes between the states of `hold` and a convex piece (K, 2) of the obstacle, and the narrowest gap.
 
-    `xy` (T, 2) are all positions; `clearance` is kept from walls.
+    For a wall each step gives a line for both of its ends; in a view each state that counts and is not hidden. The gap
+    is negative inside. `xy` (T, 2) are all positions; `clearance` is kept from walls.
     """
     rows: Ints = np.arange(hold.first, hold.last + 1)
     if o.seen_through is None:
@@ -394,12 +408,14 @@ def settle(
     extent: float,
     clearance: float,
 ) -> tuple[TrajectoryProblem, Solution] | None:
-    """Return the minimum near a guess, updating separating lines until it converges; None if no line separates.
+    """Return the minimum near a guess with lines between runs of states and obstacles, and its problem.
+
+    Lines and minimum are computed in turn until nothing moves; None if no line separates the guess.
 
     Args:
         problem: cost of the trajectory, with all constraints except the obstacles.
         guess: (T, 4) states outside the obstacles where they are held.
-        obstacles: what the trajectory must not run through.
+        obstacles: all obstacles.
         holds: which states are kept out of which obstacle.
         options: stopping criteria of each search.
         extent: size of the scene.

@@ -34,7 +34,12 @@ likely."""
 
 
 class ChainSteps(NamedTuple):
-    """Prior of the first state and motion steps of the trajectory; K kinds of steps."""
+    """Gaussian prior of the first state x, vx, y, vy, and the motion steps of a trajectory of T states.
+
+    `mean` (4,), `spread` (4, 4): the prior; `kind` (T - 1,): kind of each step; `A`, `sigma` (K, 4, 4): transition
+    matrix and noise covariance of a kind; `whiten`, `whiten_first`: inverses of the lower Cholesky factors of `sigma`
+    and `spread`.
+    """
 
     mean: Floats  # (4,) of x_1
     spread: Floats  # (4, 4) covariance of x_1, P0
@@ -46,7 +51,13 @@ class ChainSteps(NamedTuple):
 
 
 class BearingLinesByStep(NamedTuple):
-    """N bearings as lines of sight, sorted by step."""
+    """N bearings of a target as lines of sight, sorted by state.
+
+    `step` (N,): index of the state; sensor `position` (N, 2) and unit vector `axis` (N, 2): the optical axis, or the
+    measured direction where `direction` is true; focal length `focal` and `reading` to the left of the axis [px];
+    variance of the reading at distance d along the axis c0 + c1 / d^2 [px^2] (of a direction c0 [rad^2]); `volume`:
+    weight of - log d in the cost; `lean`: added to the log odds that the bearing is true (mixture loss).
+    """
 
     step: Ints  # (N,) which state is seen, from 0
     position: Floats  # (N, 2) of the sensor
@@ -61,7 +72,10 @@ class BearingLinesByStep(NamedTuple):
 
 
 class HalfPlanes(NamedTuple):
-    """M constraints normal . (u, v) >= offset, by rising step."""
+    """M constraints normal . (x, y) >= offset on positions of a trajectory, sorted by state.
+
+    `step` (M,) is the index of the state, `normal` (M, 2) unit vectors, `offset` (M,).
+    """
 
     step: Ints  # (M,)
     normal: Floats  # (M, 2) unit vectors
@@ -69,7 +83,11 @@ class HalfPlanes(NamedTuple):
 
 
 class QuadraticPriors(NamedTuple):
-    """K quadratic terms of positions, sorted by step: g . (x - p) + 1/2 (x - p)' H (x - p), H positive semidefinite."""
+    """K quadratic terms of positions x, sorted by state: g . (x - p) + 1/2 (x - p)' H (x - p), H positive semidefinite.
+
+    `step` (K,) is the index of the state, `position` (K, 2) p, `slope` (K, 2) g, `bend` (K, 3) the entries xx, xy, yy
+    of H.
+    """
 
     step: Ints  # (K,) which state
     position: Floats  # (K, 2) p
@@ -78,7 +96,11 @@ class QuadraticPriors(NamedTuple):
 
 
 class TrajectoryProblem(NamedTuple):
-    """Cost and constraints of a trajectory of T states."""
+    """Cost and constraints of a trajectory of T states x, vx, y, vy.
+
+    Motion chain `steps`, bearings `lines`, half-planes `planes`, `loss` of residuals (SQUARE, HUBER, CAUCHY or MIXTURE)
+    with its parameter `k` [standard deviations], and quadratic terms `hints`.
+    """
 
     steps: ChainSteps
     lines: BearingLinesByStep
@@ -91,7 +113,7 @@ class TrajectoryProblem(NamedTuple):
 
     @property
     def T(self) -> int:  # noqa: N802
-        """Return the number of states of the trajectory."""
+        """Number of states of the trajectory."""
         return len(self.steps.kind) + 1
 
 
@@ -101,16 +123,17 @@ NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0
 
 
 def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> ChainSteps:
-    """Return the chain of T states with steps of given lengths.
+    """Return the motion chain of T states with steps of given lengths.
 
     Args:
         model: how the target moves.
         dt: (T - 1,) lengths of the steps [s], > 0.
-        mean: (4,) of the first state.
+        mean: (4,) x, vx, y, vy of the first state.
         spread: (4, 4) covariance of the first state, positive definite.
 
     Raises:
-        ValueError: as `transitions`, or the motion grows by more than a factor of 10^100 over all steps.
+        ValueError: the model's A has no real logarithm but a step has another length than the model's, or the motion
+            grows by more than a factor of 10^100 over all steps.
         numpy.linalg.LinAlgError: a noise or `spread` is not positive definite.
     """
     radius = float(np.abs(np.linalg.eigvals(model.A)).max())
@@ -133,29 +156,29 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
 
 
 def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
-    """Return the lines of sight selected by a slice, mask (N,) or indices."""
+    """Return the bearing lines at `rows`: a slice, a mask (N,) or indices."""
     return BearingLinesByStep._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
-    """Return the half-planes selected by a slice or mask (M,)."""
+    """Return the half-planes at `rows`: a slice or a mask (M,)."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
 def select_priors(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
-    """Return the quadratic terms selected by a slice or mask (K,)."""
+    """Return the quadratic terms `hints` at `rows`: a slice or a mask (K,)."""
     return QuadraticPriors._make(column[rows] for column in hints)
 
 
 def join_lines(*parts: BearingLinesByStep) -> BearingLinesByStep:
-    """Concatenate sets of lines of sight, sorted by step."""
+    """Concatenate sets of lines of sight to one, sorted by state."""
     order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
     joined = BearingLinesByStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return some_lines(joined, order)
 
 
 def join_planes(*parts: HalfPlanes) -> HalfPlanes:
-    """Concatenate sets of constraints, sorted by step."""
+    """Concatenate sets of half-planes to one, sorted by state."""
     step = np.concatenate([p.step for p in parts])
     order = np.argsort(step, kind="stable")
     normal, offset = np.concatenate([p.normal for p in parts]), np.concatenate([p.offset for p in parts])
@@ -164,7 +187,7 @@ def join_planes(*parts: HalfPlanes) -> HalfPlanes:
 
 @kernel
 def slack(planes: HalfPlanes, X: Floats) -> Floats:
-    """Return the (M,) slacks of the constraints at states X (T, 4); negative where violated."""
+    """Return (M,) distances of the states X (T, 4) inside their half-planes; negative where violated."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -174,7 +197,7 @@ def slack(planes: HalfPlanes, X: Floats) -> Floats:
 
 @kernel
 def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
-    """Return the (M,) changes of the slacks for a change dX (T, 4) of the states."""
+    """Return (M,) changes of the distances to the half-planes for a change dX (T, 4) of the states."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -196,15 +219,14 @@ def within(change: Floats, size: Floats, share: float) -> float:
 
 
 def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: float) -> Floats:
-    """Return (T, 4) initial states as in [Rahimi] Sec. 6: on the axis of the camera that saw them, else in the centre.
+    """Return initial states (T, 4) on the axis of a camera that saw them, else in the centre ([Rahimi] Sec. 6).
 
-    A state seen by several cameras is put on the axis of the last, which satisfies the constraints of that camera only;
-    see `occlog.track.methods.map.kernels.interior_point.move_inside`.
+    A state seen by several cameras is put on the axis of the last, which satisfies the constraints of that camera only.
 
     Args:
         lines: N lines of sight.
         T: number of states.
-        centre: (2,) the paper's origin.
+        centre: (2,) position of the others.
         depth: distance along the axis, > 0; the paper's is one metre.
     """
     X = np.zeros((T, 4))
@@ -214,9 +236,10 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
 
 
 def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryProblem:
-    """Return the problem with residuals replaced by pseudo-linear ones, of square loss.
+    """Return the problem with residuals that are linear in the state, and square loss.
 
-    r = (f h - z d) / (sigma D), with a distance D fixed in advance, is linear in the state.
+    r = (f h - z d) / (sigma D), with offset h and depth d of the state, focal length f, reading z, and a fixed distance
+    D in place of d.
 
     Args:
         problem: cost and constraints of a trajectory, with any loss.

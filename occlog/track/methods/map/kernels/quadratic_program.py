@@ -20,7 +20,11 @@ from .problem import TrajectoryProblem, slack
 
 
 class Program(NamedTuple):
-    """Minimise 1/2 d'P d + q.d over the change d of all states, subject to A d >= -b."""
+    """A quadratic program: minimise 1/2 d'P d + q.d over the change d (4 T,) of all states, subject to A d >= -b.
+
+    P (4 T, 4 T) is sparse with both triangles, q (4 T,), A (M, 4 T) sparse, b (M,) the distances inside the
+    constraints.
+    """
 
     P: sparse.csc_matrix  # (4 T, 4 T), both triangles
     q: Floats  # (4 T,)
@@ -33,7 +37,10 @@ Solver = Callable[[Program], tuple[Floats, Floats]]
 
 
 def program(problem: TrajectoryProblem, X: Floats) -> Program:
-    """Return the quadratic program about states X (T, 4)."""
+    """Return the quadratic program of a change of the states X (T, 4) x, vx, y, vy.
+
+    It has the cost with residuals linearised about X, under the constraints.
+    """
     g, H = derivatives(problem, X, 0.0)
     u = 4 * np.arange(len(X))
     rows, columns = np.concatenate([u, u, u + 2, u + 2]), np.concatenate([u, u + 2, u, u + 2])
@@ -49,7 +56,7 @@ def program(problem: TrajectoryProblem, X: Floats) -> Program:
 
 
 def _chain_rows(problem: TrajectoryProblem) -> sparse.csc_matrix:
-    """Return the (4 T, 4 T) matrix G of Eq. 3; its squared rows sum to the motion cost."""
+    """Return the sparse matrix G (4 T, 4 T) of the motion ([Rahimi] Eq. 3): |G d|^2 / 2 is its cost for a change d."""
     steps, T = problem.steps, problem.T
     after = steps.whiten[steps.kind]
     before = -np.einsum("tij,tjk->tik", after, steps.A[steps.kind])
@@ -68,14 +75,16 @@ def sequential_programs(
     solver: Solver,
     watch: Callable[[Iterate], None] | None = None,
 ) -> Solution:
-    """Return the local minimum reached from a start by sequential quadratic programs; result as of `minimise`.
+    """Return the local minimum reached from a start by sequential quadratic programs.
+
+    The solution states whether it converged within the iterations.
 
     Args:
         problem: cost and constraints of the trajectory.
         start: (T, 4) states inside all constraints.
         options: when to stop; the barrier is not used.
         solver: solver of the quadratic programs.
-        watch: called with the start and after every program.
+        watch: called with the start and after every program; None: not.
     """
     X, here = np.array(start, dtype=np.float64), cost(problem, start)
     multiplier = np.zeros(len(problem.planes.step))

@@ -46,7 +46,12 @@ BITS = 62
 
 
 class BearingHalfLines(NamedTuple):
-    """N lines of sight as half-lines, by rising step; the variance of a point d away across them is a d^2 + b."""
+    """N bearings as half-lines from their sensors, sorted by state.
+
+    `step` (N,): index of the state; `sensor` (N,): number of the sensor; origin `position` (N, 2) and unit `direction`
+    (N, 2); the variance across the line at distance d is a d^2 + b, with `a` [rad^2] and `b` [scene unit^2]; `reach`
+    (N,): farthest distance.
+    """
 
     step: Ints  # (N,)
     sensor: Ints  # (N,) lines of one sensor do not cross
@@ -58,7 +63,11 @@ class BearingHalfLines(NamedTuple):
 
 
 class HypothesisBeam(NamedTuple):
-    """Hypotheses at one state; unused entries have cost inf."""
+    """The `BEAM_WIDTH` hypotheses of a multiple-hypothesis search at one state; unused entries have cost inf.
+
+    Each has a filtered state `x` (4,) x, vx, y, vy with covariance `P` (4, 4), `cost` (-2 log likelihood), `bits`:
+    which bearings of this state it accepts, and `parent`: its hypothesis at the state before (-1: none).
+    """
 
     x: Floats  # (BEAM_WIDTH, 4)
     P: Floats  # (BEAM_WIDTH, 4, 4)
@@ -69,16 +78,16 @@ class HypothesisBeam(NamedTuple):
 
 @kernel
 def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
-    """Squared Mahalanobis distance of a position from a line of sight, and the extra cost of a vague position.
+    """Return the squared Mahalanobis distance of a position from bearing `n`, and the cost log(1 + extra / variance).
 
-    The distance is inf behind the sensor and out of reach.
+    The first is inf behind the sensor and beyond its reach.
 
     Args:
-        rays: the lines of sight.
-        n: index of the line of sight.
+        rays: the bearings as half-lines.
+        n: index of the bearing.
         x: first coordinate of the position.
         y: second coordinate of the position.
-        extra: variance of the position across the line of sight.
+        extra: variance of the position across the line.
     """
     dx, dy = x - rays.position[n, 0], y - rays.position[n, 1]
     along = rays.direction[n, 0] * dx + rays.direction[n, 1] * dy
@@ -91,7 +100,7 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
 
 @kernel
 def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k2: float) -> float:
-    """Return the cost of line of sight `n` at position (x, y), at most `k2`.
+    """Return the cost of bearing `n` at position (x, y), at most `k2`, that of a false bearing.
 
     `extra` is the variance of the position across the line.
     """
@@ -101,15 +110,15 @@ def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k
 
 @kernel
 def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
-    """Return the intersection of two lines of sight: x, y, largest standard deviation, area.
+    """Return the intersection of two bearings: x, y, largest standard deviation, area of uncertainty.
 
     Standard deviation and area are inf if they do not intersect within reach.
 
     Args:
-        rays: the lines of sight.
-        i: index of the line of sight at the time that the crossing is for.
-        j: index of a line of sight at a time at which the target may have been elsewhere.
-        moved2: variance, per axis, of its motion between these times.
+        rays: the bearings as half-lines.
+        i: index of the bearing at the time that the intersection is for.
+        j: index of a bearing at the same or another time, at which the target may have been elsewhere.
+        moved2: variance, per axis, of the target's motion between these times.
     """
     sine = rays.direction[i, 0] * rays.direction[j, 1] - rays.direction[i, 1] * rays.direction[j, 0]
     if abs(sine) < MIN_CROSSING_SINE:
@@ -127,12 +136,12 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
 @kernel
 def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
-    """Return the range (begin, end) of lines of sight of state `t`, extended to nearby states if it has few.
+    """Return the range (begin, end) of the bearings of state `t`, extended to nearby states if it has few.
 
     Args:
-        first: (T + 1,) the first line of sight of each state.
+        first: (T + 1,) index of the first bearing of each state.
         seconds: (T,) times of the states.
-        t: the state.
+        t: index of the state.
         longest: states farther away in time are not used [s].
     """
     T = seconds.shape[0]
@@ -153,18 +162,19 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
 def candidates(
     rays: BearingHalfLines, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
 ) -> int:
-    """Write the best intersections for a state to `out` (MAX_CROSSINGS, 7) and return their number.
+    """Write the best intersections of bearings for a state to `out` (MAX_CROSSINGS, 7); return their number.
 
-    Columns: x, y, standard deviation, area, cost of the nearby lines of sight, and the two intersecting lines.
+    Columns: x, y, standard deviation, area, cost of the nearby bearings, and the indices of the two bearings; sorted by
+    cost.
 
     Args:
-        rays: the lines of sight.
-        first: (T + 1,) the first line of sight of each state.
+        rays: the bearings as half-lines.
+        first: (T + 1,) index of the first bearing of each state.
         seconds: (T,) times of the states.
-        t: the state.
+        t: index of the state.
         speed: typical speed of the target.
-        widest: standard deviation beyond which a crossing is uninformative.
-        k2: most that a line of sight costs.
+        widest: standard deviation beyond which an intersection is uninformative.
+        k2: cost of a false bearing.
         out: changed in place.
     """
     begin, end = _around(first, seconds, t, NEIGHBOUR_TIME_S)
@@ -210,14 +220,17 @@ def empty_beam() -> HypothesisBeam:
 
 @kernel
 def _put(to: HypothesisBeam, m: int, source: HypothesisBeam, s: int) -> None:
-    """Copy hypothesis s of `source` to position m of `to`."""
+    """Copy hypothesis s of the beam `source` to entry m of the beam `to`."""
     to.x[m], to.P[m], to.cost[m] = source.x[s], source.P[s], source.cost[s]
     to.bits[m], to.parent[m] = source.bits[s], source.parent[s]
 
 
 @kernel
 def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
-    """Predict all hypotheses by one step of the chain, in place: transition A (4, 4), noise `sigma` (4, 4)."""
+    """Predict all hypotheses by one motion step, in place.
+
+    A (4, 4) is the transition matrix, `sigma` (4, 4) the noise covariance.
+    """
     for m in range(BEAM_WIDTH):
         if beam.cost[m] < math.inf:
             beam.x[m] = A @ beam.x[m]
@@ -226,9 +239,9 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Return the cost of accepting line of sight `n`, the distance from it (positive: left), and the variance of that.
+    """Return the cost of accepting bearing `n`, the position's distance from it (left: > 0), and the variance of that.
 
-    The state has mean x (4,) and covariance P (4, 4). The cost is inf behind the sensor or out of range.
+    The state has mean x (4,) x, vx, y, vy and covariance P (4, 4). The cost is inf behind the sensor or out of range.
     """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]
@@ -244,9 +257,9 @@ def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[f
 
 @kernel
 def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across: float, S: float) -> None:
-    """Update hypothesis `m` by line of sight `n`, which it accepts (Kalman update), in place.
+    """Update hypothesis `m` by bearing `n`, which it accepts (Kalman update), in place; its cost is not changed.
 
-    `across` is the distance of its position from the line, `S` the variance of that.
+    `across` is the distance of its position from the line (left: > 0), `S` the variance of that.
     """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     gain = np.empty(4)
@@ -260,14 +273,14 @@ def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across
 
 @kernel
 def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: float, spare: HypothesisBeam) -> None:
-    """Split all hypotheses on whether a line of sight is true, and keep the most probable, in place.
+    """Split all hypotheses on whether a bearing is true, and keep the most probable ones, in place.
 
     Args:
         beam: changed in place.
-        rays: the lines of sight.
-        n: index of the line of sight.
-        bit: number of the line of sight within its state.
-        k2: cost of a false line of sight.
+        rays: the bearings as half-lines.
+        n: index of the bearing.
+        bit: number of the bearing within its state.
+        k2: cost of a false bearing.
         spare: space for hypotheses; overwritten.
     """
     mask = np.int64(1) << bit
@@ -298,11 +311,17 @@ def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: f
 def _begin(
     beam: HypothesisBeam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int
 ) -> None:
-    """Start a hypothesis at (x, y) in place of the worst of the beam.
+    """Start a hypothesis at (x, y), with velocity 0, in place of the most costly one of the beam.
 
-    `spread` are variances xx, xy, yy, `speed` is the velocity's standard deviation per axis, `bits` are accepted lines
-    of sight, `parent` is the hypothesis before. Its initial cost is higher than most, since most kept hypotheses share
-    their accepted bearings.
+    Args:
+        beam: changed in place.
+        x: first coordinate.
+        y: second coordinate.
+        spread: (3,) variances xx, xy, yy of the position.
+        speed: standard deviation of the velocity per axis.
+        cost: cost of the hypothesis.
+        bits: accepted bearings of this state, one bit each.
+        parent: hypothesis at the state before; -1: none.
     """
     m = int(np.argmax(beam.cost))
     beam.x[m], beam.P[m] = 0.0, 0.0
@@ -324,18 +343,19 @@ def _births(
     ground: Floats,
     k2: float,
 ) -> None:
-    """Start hypotheses at the best intersections of a state, or along its lines of sight if none intersect.
+    """Start hypotheses at the best intersections of bearings of a state, or along its bearings if none intersect.
 
     Args:
         beam: changed in place.
-        rays: the lines of sight.
-        first: (T + 1,) the first line of sight of each state.
+        rays: the bearings as half-lines.
+        first: (T + 1,) index of the first bearing of each state.
         seconds: (T,) times of the states.
-        t: the state.
+        t: index of the state.
         price: cost of beginning here.
-        parent: hypothesis before; -1: none.
-        ground: (3,) typical speed, standard deviation at which a crossing is uninformative, and extent of the scene.
-        k2: cost of a false line of sight.
+        parent: hypothesis at the state before; -1: none.
+        ground: (3,) typical speed, standard deviation at which an intersection is uninformative, and extent of the
+            scene.
+        k2: cost of a false bearing.
     """
     found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
     speed, extent2 = ground[0], ground[2] ** 2
@@ -366,7 +386,7 @@ def _births(
 
 @kernel
 def _merge(beam: HypothesisBeam) -> None:
-    """Merge nearly equal hypotheses in place: the worse one gets cost inf."""
+    """Merge nearly equal hypotheses in place: the more costly one gets cost inf."""
     for m in range(BEAM_WIDTH):
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
@@ -385,15 +405,18 @@ def _merge(beam: HypothesisBeam) -> None:
 def agreed_path(
     rays: BearingHalfLines, first: Ints, seconds: Floats, steps: ChainSteps, ground: Floats, k: float
 ) -> tuple[Floats, Bools, float]:
-    """Return the most probable hypothesis: (T, 4) filtered states x, vx, y, vy, (N,) accepted lines, and its cost.
+    """Find the most probable choice of true bearings along a trajectory, by a multiple-hypothesis search.
 
     Args:
-        rays: N lines of sight.
-        first: (T + 1,) the first line of sight of each state, N at the end.
+        rays: N bearings as half-lines.
+        first: (T + 1,) index of the first bearing of each state, N at the end.
         seconds: (T,) times of the states.
-        steps: the chain.
-        ground: (3,) typical speed, standard deviation beyond which a crossing is unused, and extent of the scene.
-        k: standard deviations beyond which a line of sight counts as false.
+        steps: the motion chain.
+        ground: (3,) typical speed, standard deviation beyond which an intersection is unused, and extent of the scene.
+        k: standard deviations beyond which a bearing counts as false.
+
+    Returns:
+        Filtered states (T, 4) x, vx, y, vy of the best hypothesis, accepted bearings (N,), and its cost.
     """
     T, k2 = seconds.shape[0], k * k
     parent, bits = np.full((T, BEAM_WIDTH), -1, dtype=np.int8), np.zeros((T, BEAM_WIDTH), dtype=np.int64)

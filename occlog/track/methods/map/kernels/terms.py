@@ -17,9 +17,10 @@ TINY = 1e-150
 
 @kernel
 def log_odds_offset(k: float, lean: float) -> float:
-    """Return the mixture loss's k for which the log odds of a true line of sight are k^2 / 2 + `lean`.
+    """Return the parameter k' of the mixture loss for log odds that are shifted by `lean`.
 
-    It is negative where that sum is negative.
+    With parameter k the log odds of a true bearing at residual 0 are k^2 / 2; k' |k'| / 2 is k^2 / 2 + `lean`, so that
+    k' is negative where that sum is.
     """
     if lean == 0.0:
         return k
@@ -29,10 +30,10 @@ def log_odds_offset(k: float, lean: float) -> float:
 
 @kernel
 def loss_value(r: float, loss: int, k: float) -> float:
-    """Return the loss of a residual r, as a negative log likelihood up to a constant.
+    """Return the loss of a residual r [standard deviations], as a negative log likelihood up to a constant.
 
-    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations]; k < 0 is the mixture's of
-    `log_odds_offset`.
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter; the mixture's may be negative, as `log_odds_offset`
+    gives it.
     """
     if loss == HUBER and abs(r) > k:
         return k * (abs(r) - 0.5 * k)
@@ -48,16 +49,19 @@ def loss_value(r: float, loss: int, k: float) -> float:
 
 @kernel
 def inlier_probability(r: float, k: float) -> float:
-    """Return the probability that a bearing with residual r is true, by the mixture loss: 1/2 at r = k."""
+    """Return the probability that a bearing with residual r [standard deviations] is true, by the mixture loss.
+
+    It is 1/2 at |r| = k; a negative k means log odds of -k^2 / 2 at r = 0.
+    """
     a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
 
 @kernel
 def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
-    """Return first and second derivative of the loss at residual r, and the IRLS weight, first derivative over r.
+    """Return the first and second derivative of the loss at residual r, and the IRLS weight (first derivative over r).
 
-    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter.
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations].
     """
     if loss == HUBER and abs(r) > k:
         return math.copysign(k, r), 0.0, k / abs(r)
@@ -72,9 +76,9 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
 
 @kernel
 def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
-    """Return, for line of sight `n`, its state's offset h to the left of the optical axis, and the distance d along it.
+    """Return the position of bearing `n`'s state in its sensor's frame: offset h left of the axis, distance d along it.
 
-    X are states (T, 4).
+    X (T, 4) are states x, vx, y, vy; the axis is the optical axis, or the measured direction.
     """
     t = lines.step[n]
     dx, dy = X[t, 0] - lines.position[n, 0], X[t, 2] - lines.position[n, 1]
@@ -84,9 +88,9 @@ def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, floa
 
 @kernel
 def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
-    """Return the residual of line of sight `n`, in standard deviations, for a state at offset `h` and distance `d`.
+    """Return the residual of bearing `n`, in standard deviations, for a state at offset `h` and distance `d`.
 
-    These are as from `in_camera`: to the left of the axis, and along it.
+    `h` is to the left of the bearing's axis, `d` along it.
     """
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
@@ -96,7 +100,7 @@ def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
 
 @kernel
 def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """Return (N,) residuals of all lines of sight at states X (T, 4), in standard deviations."""
+    """Return (N,) residuals of all bearings at states X (T, 4), in standard deviations."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -106,7 +110,10 @@ def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """Return (N,) losses of all lines of sight at states X (T, 4); `loss` and `k` as in `loss_value`."""
+    """Return (N,) losses of all bearings at states X (T, 4).
+
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations].
+    """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -116,9 +123,9 @@ def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
 
 @kernel
 def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floats:
-    """Return (N,) probabilities that lines of sight are true at states X (T, 4), 1/2 at residual k.
+    """Return (N,) probabilities that bearings are true at states X (T, 4), by the mixture loss: 1/2 at residual k.
 
-    0 behind the camera.
+    0 behind the camera of a pixel reading.
     """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
@@ -133,7 +140,7 @@ def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floa
 
 @kernel
 def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """Return (N,) distances of states X (T, 4) along the optical axis of the camera of each line of sight."""
+    """Return (N,) distances of the states in X (T, 4) along the axis of each bearing; negative behind the sensor."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1]
@@ -142,9 +149,10 @@ def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> float:
-    """Return the cost of all lines of sight at states X (T, 4): losses, log variances and volume terms.
+    """Return the cost of all bearings at states X (T, 4): losses, log standard deviations and volume terms.
 
-    `loss` and `k` as in `loss_value`; inf behind a camera if volumes count.
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations]; inf behind a camera with a
+    volume term.
     """
     total = 0.0
     for n in range(lines.step.shape[0]):
@@ -159,7 +167,7 @@ def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> flo
 
 @kernel
 def chain_cost(steps: ChainSteps, X: Floats) -> float:
-    """Return the cost of the first state's prior and of the motion steps, at states X (T, 4)."""
+    """Return the cost of the first state's prior and of the motion steps at states X (T, 4) x, vx, y, vy."""
     total = 0.0
     for i in range(4):
         e = 0.0
@@ -181,7 +189,7 @@ def chain_cost(steps: ChainSteps, X: Floats) -> float:
 
 @kernel
 def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
-    """Add the gradient of `chain_cost` at states X (T, 4) to `g` (T, 4), in place."""
+    """Add the gradient of the motion chain's cost at states X (T, 4) to `g` (T, 4), in place."""
     e = np.empty(4)
     for i in range(4):
         e[i] = 0.0
@@ -209,7 +217,7 @@ def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
 
 @kernel
 def priors_cost(hints: QuadraticPriors, X: Floats) -> float:
-    """Return the sum of the quadratic terms at states X (T, 4)."""
+    """Return the sum of the quadratic terms of positions at states X (T, 4)."""
     total = 0.0
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
@@ -221,7 +229,10 @@ def priors_cost(hints: QuadraticPriors, X: Floats) -> float:
 
 @kernel
 def add_priors(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
-    """Add derivatives of the quadratic terms at X (T, 4) to `g` (T, 4) and, by position, to `H` (T, 3), in place."""
+    """Add the derivatives of the quadratic terms of positions at X (T, 4) to `g` (T, 4) and `H` (T, 3), in place.
+
+    `H` is the Hessian by position: xx, xy, yy.
+    """
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
         dx, dy = X[t, 0] - hints.position[m, 0], X[t, 2] - hints.position[m, 1]
@@ -233,7 +244,10 @@ def add_priors(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
 
 @kernel
 def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
-    """Return the negative sum of log slacks at states X (T, 4); inf outside the constraints."""
+    """Return the logarithmic barrier at states X (T, 4): minus the sum of log distances inside the half-planes.
+
+    It is inf outside one of them.
+    """
     total = 0.0
     for m in range(planes.step.shape[0]):
         t = planes.step[m]
@@ -246,17 +260,17 @@ def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
 
 @kernel
 def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
-    """Add the bearings' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy, in place.
+    """Add the derivatives of the bearings' cost to `g` (T, 4) and, by position, to `H` (T, 3), in place.
 
     Args:
-        lines: N lines of sight.
+        lines: N bearings.
         X: (T, 4) states.
         loss: SQUARE, HUBER, CAUCHY or MIXTURE.
         k: parameter of the loss.
-        exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative;
-            a mixture in between.
-        g: changed in place.
-        H: changed in place.
+        exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative for the
+            losses; a mixture in between.
+        g: (T, 4) gradient, changed in place.
+        H: (T, 3) Hessian xx, xy, yy, changed in place.
     """
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -295,9 +309,17 @@ def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: 
 
 @kernel
 def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: Floats, H: Floats) -> None:
-    """Add the barrier's primal-dual derivatives in place: g - mu/s n, H + multiplier/s n n', with slack s, normal n.
+    """Add the barrier's primal-dual derivatives to `g` (T, 4) and `H` (T, 3), in place.
 
-    X are states (T, 4), `mu` is the weight of the barrier, `multiplier` (M,); `g` is (T, 4), `H` (T, 3): xx, xy, yy.
+    With slack s and normal n of a constraint: g - mu / s n, H + multiplier / s n n'; H has the columns xx, xy, yy.
+
+    Args:
+        planes: M half-planes.
+        X: (T, 4) states.
+        mu: weight of the barrier.
+        multiplier: (M,) Lagrange multipliers.
+        g: changed in place.
+        H: changed in place.
     """
     for m in range(planes.step.shape[0]):
         t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
@@ -312,7 +334,7 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
 
 @kernel
 def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
-    """Return (N,) booleans: the state of the line of sight, in X (T, 4), is in front of its camera."""
+    """Return a mask (N,): the state of the bearing, in X (T, 4), is in front of its sensor."""
     out = np.empty(lines.step.shape[0], dtype=np.bool_)
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1] > 0.0
@@ -321,10 +343,10 @@ def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
 
 @kernel
 def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
-    """Return (N,) leverages of the lines of sight, 0 to 1 up to linearisation: w J' C J.
+    """Return (N,) leverages of the bearings, w J' C J, 0 to 1 up to linearisation.
 
-    w is the IRLS weight of the loss (`loss` and `k` as in `loss_value`), J the gradient of the residual at X (T, 4) and
-    C (T, 4, 4) the covariances of the states.
+    w is the IRLS weight of the loss (`loss`: SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter), J the gradient of
+    the residual at X (T, 4), and C (T, 4, 4) the covariances of the states.
     """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):

@@ -19,20 +19,20 @@ from .problem import ChainSteps, TrajectoryProblem, select_priors, some_lines, s
 
 
 class StatePrior(NamedTuple):
-    """Gaussian prior of one state [u u' v v']."""
+    """Gaussian prior of one state x, vx, y, vy: mean (4,), and covariance `spread` (4, 4), positive definite."""
 
     mean: Floats  # (4,)
     spread: Floats  # (4, 4) covariance, positive definite
 
 
 def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) -> TrajectoryProblem:
-    """Return the sub-problem of states first .. last - 1.
+    """Return the sub-problem of states first .. last - 1, renumbered from 0.
 
     Args:
         problem: cost and constraints of a trajectory of T states.
         first: first state, >= 0.
         last: one after the last state, <= T.
-        before: what is known of state `first` from all earlier ones.
+        before: Gaussian prior of state `first`, from all earlier ones.
     """
     s, lines, planes, hints = problem.steps, problem.lines, problem.planes, problem.hints
     own_lines = some_lines(lines, slice(*np.searchsorted(lines.step, (first, last)).tolist()))
@@ -47,7 +47,7 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
 
 
 def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
-    """Return the chain with `before` as the prior of its first state."""
+    """Return the motion chain with the Gaussian `before` as the prior of its first state."""
     whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
     return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
 
@@ -55,7 +55,7 @@ def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
 def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> StatePrior:
     """Return the marginal Gaussian of a state given everything before it, with measurements linearised at the solution.
 
-    Active constraints keep their force.
+    Measurements at the state itself are left out; active constraints keep their force.
 
     Args:
         problem: cost and constraints of a trajectory of T states.
@@ -85,13 +85,14 @@ Search = Callable[[TrajectoryProblem, Floats, int], tuple[TrajectoryProblem, Sol
 
 
 def minimise_windows(problem: TrajectoryProblem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
-    """Return approximate minimising states, found in windows overlapping by a quarter, and the total iterations.
+    """Return approximate minimising states (T, 4), found in windows that overlap by a quarter, and all iterations.
 
     Args:
         problem: cost and constraints of a trajectory of T states.
-        start: (T, 4) strictly inside all constraints.
+        start: (T, 4) states strictly inside all constraints; not changed.
         window: number of states in a window, at least 4.
-        search: returns the minimum of a window's problem.
+        search: returns the minimum of a window's problem from a start; gets the number of the window's first state,
+            too.
     """
     X, T = np.array(start), len(start)
     before, first, iterations = StatePrior(problem.steps.mean, problem.steps.spread), 0, 0

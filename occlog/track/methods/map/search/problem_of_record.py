@@ -45,7 +45,12 @@ LONGEST_S = 1e9
 
 
 class Pending(NamedTuple):
-    """Unreleased part of a target's record, with the prior from before it."""
+    """Unreleased part of a target's record, with all that its estimation needs.
+
+    Settings, sensors `at` relative to `origin` (2,), `extent` of the scene, Gaussian prior `before` of the first state,
+    measurements `record`, states X (T, 4) x, vx, y, vy found so far (fewer than times: the rest is new), `sensors` in
+    scene coordinates, and the factors of the variances of bearings and motion estimated so far.
+    """
 
     config: MapConfig
     at: SensorStations
@@ -59,7 +64,7 @@ class Pending(NamedTuple):
 
 
 def motion_of(config: MapConfig) -> GaussMarkov:
-    """Return the motion model: the fitted one if stated, else constant velocity with noise."""
+    """Return the motion model of the settings: the fitted one (A, Sigma), else constant velocity with noise."""
     if config.A is None or config.Sigma is None:
         return constant_velocity(config.process_noise_velocity, config.process_noise_position, config.model_step_s)
     A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
@@ -67,12 +72,15 @@ def motion_of(config: MapConfig) -> GaussMarkov:
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
-    """Return the initial problem of a target: position prior without measurements.
+    """Return the initial, empty record of a target with its position prior.
 
     Args:
         scene: room and sensors.
         config: settings of the method.
         returned: the target is back after a gap, so that `config.start` no longer holds.
+
+    Raises:
+        InputError: the scene has no extent.
     """
     low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
     extent = _extent(scene)
@@ -104,9 +112,10 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
-    """Return the pause [ns] after which a target may be anywhere by the motion model (to a factor of 2); None: none is.
+    """Return the pause [ns] after which a target may be anywhere by the motion model (to a factor of 2).
 
-    Over longer ones the variances exceed what 64 bits hold together with those of bearings.
+    None if there is no such pause below `LONGEST_S`, or the model is invalid. Over longer pauses the variances exceed
+    what 64 bits hold together with those of bearings.
     """
     model, extent = motion_of(config), _extent(scene)
     try:
@@ -122,21 +131,25 @@ def memory_ns(scene: Scene, config: MapConfig) -> int | None:
 
 
 def _extent(scene: Scene) -> float:
+    """Return the diagonal of the bounding box of the scene's surroundings [scene unit]."""
     return float(np.hypot(*(scene.surroundings.max(axis=0) - scene.surroundings.min(axis=0))))
 
 
 def _moves_freely(config: MapConfig) -> bool:
-    """Return whether the motion model is translation-invariant, so that any origin may be used."""
+    """Return whether the motion model is translation-invariant (constant velocity, or fitted so).
+
+    Then any origin of coordinates may be used.
+    """
     return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
 def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = None) -> TrajectoryProblem:
-    """Return the minimisation problem of a record ([Rahimi] Eq. 8).
+    """Return the minimisation problem of a record ([Rahimi] Eq. 8): motion chain, lines of sight and half-planes.
 
     Args:
-        pending: the target.
+        pending: unreleased part of the target's record: settings, sensors, prior.
         record: measurements of the target.
-        inlier: (N,) which of the rows that saw it constrain it; None: all.
+        inlier: (N,) which of the bearings that saw it constrain it; None: all.
 
     Raises:
         InputError: the motion model does not fit the times of the record.
@@ -155,15 +168,15 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
 
 
 def bend_of(config: MapConfig) -> float:
-    """Return the parameter of the loss, in standard deviations: that of the settings, or the usual one of the loss."""
+    """Return the parameter of the loss [standard deviations]: that of the settings, else the loss's usual one."""
     return BEND[config.loss] if config.loss_threshold is None else config.loss_threshold
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
-    """Return the feasible initial states (T, 4), and (T,) booleans: the state's constraints contradict each other.
+    """Return feasible initial states (T, 4) x, vx, y, vy, and a mask (T,) of states with contradictory constraints.
 
-    States that a camera saw start on its optical axis, the others in the room's centre ([Rahimi] Sec. 6); states found
-    before start there.
+    States found before (`pending.X`) start there; of the others, those that a camera saw on its optical axis, the rest
+    in the room's centre ([Rahimi] Sec. 6); then all are moved inside the half-planes of `problem`.
     """
     config, T = pending.config, problem.T
     depth = 0.1 * pending.extent if config.initial_depth is None else config.initial_depth
@@ -174,5 +187,6 @@ def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bool
 
 
 def _centre(pending: Pending) -> Floats:
+    """Return the centre (2,) of the room's bounding box, or the mean position of the sensors without a room."""
     hull = pending.at.hull
     return np.asarray(pending.at.position.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))

@@ -69,13 +69,14 @@ Watch = Callable[[Iterate], None] | None
 
 
 def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
-    """Return the states (T, 4) at the minimum of linearised problems: first with all targets at one distance.
+    """Return the states (T, 4) at the minimum of a linearised problem, as a start.
 
-    The others have the distances that were found before.
+    Residuals are linear for fixed distances of the target: first one distance for all, then those of the last solution
+    (`N_LINEAR_PROBLEMS` in all).
 
     Args:
         problem: cost and constraints of a trajectory of T states.
-        X: (T, 4) states inside the constraints.
+        X: (T, 4) states x, vx, y, vy inside the constraints.
         config: settings of the method.
         extent: size of the scene.
     """
@@ -96,7 +97,7 @@ def search_around(
     watch: Watch = None,
     mu: float = MU_FIRST,
 ) -> PathsAroundObstacles:
-    """Return the minimum outside all obstacles reached from a start; long records are first solved in windows.
+    """Return the minimum of the cost outside all obstacles from a start; long records are first solved in windows.
 
     Args:
         problem: cost and constraints of the trajectory.
@@ -104,7 +105,7 @@ def search_around(
         around: the obstacles.
         config: settings of the method.
         extent: size of the scene.
-        watch: called with each iterate of the whole.
+        watch: called with each iterate of the whole; None: not.
         mu: weight of the barrier initially; small for a start that is near the minimum.
     """
     options, space = Options(config.tolerance * extent, config.max_iterations, mu), (extent, config.wall_clearance)
@@ -140,10 +141,10 @@ def search_around(
 
 
 def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent: float) -> tuple[Floats, int]:
-    """Return approximate minimising states strictly inside the constraints, and the iterations used.
+    """Return approximate minimising states (T, 4), strictly inside the constraints, and the iterations used.
 
     Args:
-        problem: what is minimised, without obstacles.
+        problem: cost and constraints, without obstacles.
         start: (T, 4) states inside the constraints.
         config: settings of the method.
         extent: size of the scene.
@@ -186,7 +187,11 @@ Scales = tuple[float, float]
 
 
 class RivalMode(NamedTuple):
-    """A competing mode that is nearly as probable."""
+    """A competing mode of the posterior that is nearly as probable: its T states.
+
+    `X` (T, 4) and `spread` (T, 4, 4) are states and covariances, `excess` is by how much its negative log posterior is
+    higher, `elsewhere` (T,) marks states at which its position differs significantly from the best mode's.
+    """
 
     X: Floats  # (T, 4) states
     spread: Floats  # (T, 4, 4) covariances
@@ -195,7 +200,13 @@ class RivalMode(NamedTuple):
 
 
 class RobustSearchResult(NamedTuple):
-    """Result of a search among false bearings: the mode, and which lines of sight it accepts."""
+    """Result of a search among false bearings: the mode of T states, and which of N bearings it accepts.
+
+    `problem` has no half-planes of detours around obstacles, `mode` has; `stuck` (T,) are states with contradictory
+    constraints, `used` (N,) the bearings in the problem, `scales` the variance factors, `score` the cost including that
+    of unused bearings, `inlier` (N,) bearings more probably true than false (None: all), `chance` (N,) those of them
+    fitted by chance alone, `careful` the minimum without those. Further: occluder terms, rival modes, station biases.
+    """
 
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
@@ -216,8 +227,13 @@ def plain_search(
 ) -> RobustSearchResult:
     """Search from the paper's start, or from linearised problems, accepting all bearings.
 
-    Among moving occluders the search is repeated with their terms. `around` are obstacles, `watch` is called with each
-    iterate.
+    With priors of moving occluders the search is repeated with their terms until it converges.
+
+    Args:
+        pending: unreleased part of the target's record.
+        record: measurements of the target.
+        around: obstacles.
+        watch: called with each iterate; None: not.
     """
     config = pending.config
     problem = problem_of(pending, record)
@@ -249,10 +265,16 @@ def plain_search(
 def robust_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search with possible false bearings; repeat without bearings that are fitted by chance, if any.
+    """Search from the path with which most bearings agree, rejecting false bearings.
 
-    Among moving occluders the search is repeated with their terms. `around` are obstacles, `watch` is called with each
-    iterate.
+    With priors of moving occluders the search is repeated with their terms. If bearings are fitted by chance alone, the
+    result has a second minimum without them (`careful`), for the covariances.
+
+    Args:
+        pending: unreleased part of the target's record.
+        record: measurements of the target.
+        around: obstacles.
+        watch: called with each iterate; None: not.
     """
     found = _most_probable(pending, record, around, watch)
     # Among moving occluders: again with what they say there
@@ -276,8 +298,15 @@ def _most_probable(
 ) -> RobustSearchResult:
     """Search from the consensus path, constrained by accepted bearings only.
 
-    If some are rejected or residuals are too large, the search is repeated with estimated noise scales, which are kept
-    if more probable. `around` are obstacles, `watch` is called with each iterate.
+    Where mostly one camera at a time sees the target, the start on the cameras' axes is tried, too, and the cheaper
+    result is returned. Else, if some bearings are rejected or residuals are too large, the search is repeated with
+    larger variances of motion and bearings, if these make the path clearly more probable.
+
+    Args:
+        pending: unreleased part of the target's record.
+        record: measurements of the target.
+        around: obstacles.
+        watch: called with each iterate; None: not.
     """
     config = pending.config
     whole = problem_of(pending, record)
@@ -318,16 +347,19 @@ def _most_probable(
 
 
 def _overlap(record: TargetRecord) -> float:
-    """Return the share of lines of sight with one of another sensor close in time; 1 without any lines."""
+    """Return the share of bearings that saw the target with one of another sensor close in time; 1 without bearings."""
     seen = record.rows.seen
     near = confirmed_by_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 
 def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> ConsensusPath:
-    """Return a path from the paper's start by successively narrower losses, and the bearings consistent with it.
+    """Return a path from the start on the cameras' axes, by successively narrower losses, and the bearings that agree.
 
-    `whole` is the problem, `trust` the residual [standard deviations] up to which a bearing is consistent.
+    Args:
+        pending: unreleased part of the target's record.
+        whole: problem with all bearings.
+        trust: residual [standard deviations] up to which a bearing agrees.
     """
     config, extent = pending.config, pending.extent
     X, stuck = start_of(pending, whole)
@@ -338,7 +370,7 @@ def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> Cons
 
 
 def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
-    """Return whether nearly all bearings agree with the path, and residuals of the search are about as stated."""
+    """Return whether nearly all bearings agree with the path, and the residuals of the search are about as stated."""
     residual_evidence = evidence(
         found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X)
     )
@@ -352,7 +384,7 @@ def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
 def inlier_weights(config: MapConfig, lines2: float) -> float:
     """Return the residual [standard deviations] at which a bearing is equally likely true or false.
 
-    The variance of bearings is `lines2` times the stated one.
+    `lines2` is the factor of the stated variance of bearings; `config` gives the loss and its parameter.
     """
     bend = bend_of(config) if config.loss == "mixture" else OUTLIER_SIGMAS
     # False ones are as likely as before, and the peak of true ones is lower.
@@ -370,17 +402,18 @@ def search_from(
     careful: bool = False,
     among: OccluderTerms | None = None,
 ) -> RobustSearchResult:
-    """Search from an initial path.
+    """Search from an initial path, alternating with the choice of accepted bearings, until that no longer changes.
 
     Args:
-        pending: the target.
+        pending: unreleased part of the target's record.
         record: measurements of the target.
         around: obstacles.
         watch: called with each iterate; None: not.
-        path: where the search begins, and the lines of sight that agree there.
-        scales: factors of variances; those that are not what was known before are refined along with the trajectory.
-        careful: omit what is met by chance alone, see `_overfits`.
-        among: what moving occluders say; None: nothing.
+        path: where the search begins, and the bearings that agree with it.
+        scales: factors of the stated variances of bearings and motion; if they differ from `pending.scales`, they are
+            re-estimated with the trajectory.
+        careful: omit bearings that are fitted by chance alone, see `_overfits`.
+        among: terms of moving occluders; None: none.
     """
     config, extent = pending.config, pending.extent
     (X, kept, _), iterations, learn = path, 0, scales != pending.scales and not careful
@@ -436,9 +469,9 @@ def search_from(
 
 
 def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
-    """Return whether no position moved by more than `POSITION_TOLERANCE_SIGMAS` standard deviations.
+    """Return whether no position moved by more than `POSITION_TOLERANCE_SIGMAS` of its standard deviation.
 
-    `before` are the states (T, 4) before the search that gave `mode`.
+    `before` (T, 4) are the states before the search that gave `mode`.
     """
     X = mode.solution.X
     sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
@@ -446,12 +479,16 @@ def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
 
 
 def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
-    """(N,) booleans: the line of sight is met by chance alone, as the others make it less probable than being false.
+    """Return a mask (N,) of bearings that are fitted by chance alone: by the others they are less probable than false.
 
-    Next to a camera a trajectory fits any measurement of it.  With h the leverage of a line of sight, the others
-    predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
-    `occlog.track.methods.map.kernels.ransac_path`. X (T, 4) are states, `spread` (T, 4, 4) their covariances, `trust`
-    the residual at which a bearing is as likely false as true.
+    Next to a camera a trajectory fits any measurement of it.  With h the leverage of a bearing, the others predict it
+    with 1/(1 - h) times its variance, so that accepting it costs r^2/(1 - h) - log(1 - h).
+
+    Args:
+        lines: N lines of sight.
+        X: (T, 4) states x, vx, y, vy.
+        spread: (T, 4, 4) their covariances.
+        trust: residual at which a bearing is equally likely true or false.
     """
     rest = np.maximum(1.0 - leverages(lines, X, SQUARE, 1.0, spread), 1e-100)
     surprise = np.minimum(residuals(lines, X) ** 2, MAX_VARIANCE_FACTOR) / rest - np.log(rest)
@@ -459,14 +496,17 @@ def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float
 
 
 def _frozen(lines: BearingLinesByStep, kept: Bools, X: Floats) -> BearingLinesByStep:
-    """Return the lines of sight, with variances of those not `kept` (N,) fixed at their values at X (T, 4)."""
+    """Return the lines of sight, with the variances of rejected ones fixed at their values at X (T, 4).
+
+    `kept` (N,) marks accepted ones; for the others the dependence on the distance is removed.
+    """
     d2 = np.maximum(depths(lines, X) ** 2, 1e-300)
     loose = ~kept & (lines.c1 > 0.0)
     return lines._replace(c0=np.where(loose, lines.c0 + lines.c1 / d2, lines.c0), c1=np.where(loose, 0.0, lines.c1))
 
 
 def without(problem: TrajectoryProblem, states: Bools) -> TrajectoryProblem:
-    """Return the problem without half-planes and lines of sight of the states `states` (T,).
+    """Return the problem without the half-planes and lines of sight of the states marked in `states` (T,).
 
     A line of sight without its half-plane leads into its sensor, where the cost is discontinuous.
     """

@@ -18,7 +18,11 @@ from occlog.track.methods.map.record import TargetRecord
 
 
 class ConsensusPath(NamedTuple):
-    """A path with the lines of sight consistent with it."""
+    """A path of T states with the bearings that agree with it, as the start of a search.
+
+    `X` (T, 4) are states x, vx, y, vy, `agree` (N,) marks bearings, `cost` is -2 log of the likelihood up to a
+    constant.
+    """
 
     X: Floats  # (T, 4) states
     agree: Bools  # (N,) lines of sight that agree with it
@@ -26,9 +30,12 @@ class ConsensusPath(NamedTuple):
 
 
 def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations) -> BearingHalfLines:
-    """Return the lines of sight as half-lines with variances across them, by [Ercan] Eq. 2.
+    """Return lines of sight as half-lines with the variance across them as a function of distance, by [Ercan] Eq. 2.
 
-    They are of the record's rows that saw the target.
+    Args:
+        lines: N lines of sight, of the rows of the record that saw the target.
+        record: measurements of the target.
+        at: the sensors.
     """
     sensor = record.rows.sensor[record.rows.seen]
     left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
@@ -51,15 +58,15 @@ def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations)
 def ransac_path(
     problem: TrajectoryProblem, record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, bend: float
 ) -> ConsensusPath:
-    """Return the most probable set of true bearings and a path along them.
+    """Return the most probable set of true bearings and a path along them, by a multiple-hypothesis search.
 
     Args:
         problem: of T states; its lines of sight are of the rows of the record that saw the target.
-        record: the same T states.
+        record: measurements at these T times.
         at: the sensors.
         config: settings of the method.
         extent: size of the scene.
-        bend: standard deviations beyond which a line of sight does not agree.
+        bend: residual in standard deviations beyond which a bearing does not agree.
     """
     rays = rays_of(problem.lines, record, at)
     first = np.searchsorted(rays.step, np.arange(len(record.t_ns) + 1))

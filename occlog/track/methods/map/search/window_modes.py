@@ -53,7 +53,13 @@ BATCH = 64
 
 
 class WindowMeasurements(NamedTuple):
-    """Measurements of a record in W windows: lines of sight first, then distances."""
+    """Measurements of a record in W successive short windows: N lines of sight, then m distances.
+
+    `lines` (N, 6) are sensor position, unit direction, and a, b of the variance a d^2 + b across the line at distance
+    d; `window` and `seconds` are pairs (for lines, for distances) of the window's index and the time after that of the
+    window's state [s]; `state` (W,) is the index of the state in the middle; `noise` the variance that the velocity
+    gains in 1 s.
+    """
 
     lines: Floats  # (N, 6) position, direction, a and b of `BearingHalfLines`
     distances: RangeMeasurements  # m, in the coordinates of the search
@@ -64,7 +70,11 @@ class WindowMeasurements(NamedTuple):
 
 
 class WindowModes(NamedTuple):
-    """K modes (position and velocity) of the likelihood in windows, sorted by window."""
+    """K modes of the likelihood in short windows, sorted by window.
+
+    `window` (K,), state `x` (K, 4) x, vx, y, vy at the window's middle, `covariance` (K, 2, 2) of the position, `cost`
+    (K,) the negative log of likelihood and prior.
+    """
 
     window: Ints  # (K,)
     x: Floats  # (K, 4) state at the middle of the window
@@ -75,13 +85,13 @@ class WindowModes(NamedTuple):
 def mode_starts(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
 ) -> list[ConsensusPath]:
-    """Return paths through the modes of short windows, the most probable first.
+    """Return paths through the modes of short windows, the most probable first; one smooth path without measurements.
 
     Args:
         problem: cost and constraints of a trajectory of T states.
-        record: the same T states.
-        pending: the target.
-        distances: the record's measurements in the coordinates of the search.
+        record: measurements at these T times.
+        pending: unreleased part of the target's record.
+        distances: the record's distance measurements in the coordinates of the search.
     """
     rows, steps = _windows(problem, record, pending, distances), problem.steps
     if not len(rows.state):
@@ -110,9 +120,15 @@ def mode_starts(
 
 
 def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowModes, path: Ints) -> ConsensusPath:
-    """Return the most probable path with one Gaussian mode per window in place of its measurements.
+    """Return the most probable path through one mode per window, and the bearings that agree with it.
 
-    `path` (W,) are the indices of the windows' modes. Lines of sight that it is near enough to agree with it.
+    The modes' Gaussians replace the measurements.
+
+    Args:
+        problem: cost and constraints of a trajectory of T states.
+        rows: measurements in W windows.
+        modes: modes of the windows.
+        path: (W,) index of the mode of each window.
     """
     xy, covariance = np.ascontiguousarray(modes.x[path, ::2]), modes.covariance[path]
     information = np.linalg.inv(covariance)
@@ -132,9 +148,13 @@ def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowMo
 def _windows(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
 ) -> WindowMeasurements:
-    """Return the measurements in successive windows of at least `WINDOW_S`, longer where they are few.
+    """Return the measurements in successive windows of at least `WINDOW_S`, up to `MAX_WINDOW_S` where they are few.
 
-    `distances` are those of the record, in the coordinates of the search.
+    Args:
+        problem: cost of a trajectory of T states, with its lines of sight.
+        record: measurements at these T times.
+        pending: unreleased part of the target's record.
+        distances: the record's distance measurements in the coordinates of the search.
     """
     rays = rays_of(problem.lines, record, pending.at)
     lines = np.column_stack([rays.position, rays.direction, rays.a, rays.b])
@@ -163,7 +183,10 @@ def _windows(
 
 
 def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
-    """Return the distinct modes of all windows: refined minima of a grid, and mirror images of the best ones."""
+    """Return the distinct modes of all windows: refined minima of a grid, and mirror images of the best ones.
+
+    `pending` gives settings and room.
+    """
     grid, cell = _grid(rows, pending)
     W = len(rows.state)
     speed = max(pending.config.sigma_initial_velocity, pending.config.process_noise_velocity)
@@ -178,7 +201,11 @@ def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
 
 
 class ClimbScale(NamedTuple):
-    """Scales of length and velocity of the mode search."""
+    """Scales of length and velocity of the mode search.
+
+    `cell` is the distance of the positions at which climbs begin, `speed` the standard deviation of the velocity per
+    axis, `extent` that of the position, `hull` (H, 2) the convex room, counter-clockwise (None: no room).
+    """
 
     cell: float  # distance of positions at which climbs begin
     speed: float  # standard deviation of the velocity, per axis
@@ -187,9 +214,15 @@ class ClimbScale(NamedTuple):
 
 
 def _climbed(rows: WindowMeasurements, scale: ClimbScale, window: Ints, xy: Floats) -> WindowModes:
-    """Refine the modes of windows `window` (K,) from positions `xy` (K, 2) by reweighted Gauss-Newton.
+    """Refine modes from initial positions by reweighted Gauss-Newton steps, with widened measurements at first.
 
     Unknowns are the position at a window's middle and a constant velocity.
+
+    Args:
+        rows: measurements of all windows.
+        scale: scales of the search.
+        window: (K,) window of each mode.
+        xy: (K, 2) initial positions.
     """
     x = np.zeros((len(window), 4))
     x[:, ::2] = xy
@@ -218,8 +251,8 @@ def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Float
     """Return windows (K,) and positions (K, 2) of the mirror images of each window's best mode.
 
     A line of sight meets the circle of a range at two positions, one on either side of the foot of the station on it;
-    two circles do so on either side of the line through their stations.  A third station tells them apart, unless
-    it is next to that line; so windows with more of them have no images.
+    two circles do so on either side of the line through their stations.  A third station distinguishes them, unless
+    it is next to that line; so windows with more than `MAX_SOURCES` sensors and stations have no images.
     """
     best = np.lexsort((found.cost, found.window))
     best = best[np.append(True, np.diff(found.window[best]) > 0)]
@@ -245,7 +278,10 @@ def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Float
 
 
 def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
-    """Return (GRID^2, 2) grid positions over the room, or around the sensors, and the larger grid spacing."""
+    """Return grid positions (GRID^2, 2) over the room's bounding box, and the larger of the two spacings.
+
+    Without a room the grid is a square around the sensors and stations of the measurements `rows`.
+    """
     at = rows.distances
     places = np.concatenate([rows.lines[:, :2], at.position, at.other])
     low, high = places.min(axis=0), places.max(axis=0)
@@ -262,7 +298,7 @@ def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
 def _grid_minima(
     rows: WindowMeasurements, grid: Floats, cell: float, speed: float, windows: slice
 ) -> tuple[Ints, Floats]:
-    """Return windows (K,) and grid positions (K, 2) that are local minima of the windows' costs.
+    """Return windows (K,) and grid positions (K, 2) at local minima of the windows' costs.
 
     Args:
         rows: measurements of all windows.
@@ -272,7 +308,7 @@ def _grid_minima(
         windows: range of the windows to search.
 
     Returns:
-        At most 2 `MAX_MODES` for each window, of least cost.
+        At most 2 `MAX_MODES` for each window, those of least cost, sorted by window.
     """
     ticks = np.arange(windows.start, windows.stop + 1)
     cost = np.zeros((len(grid), windows.stop - windows.start))
@@ -300,7 +336,11 @@ def _grid_minima(
 
 
 class ModePairs(NamedTuple):
-    """Each mode paired with every measurement of its window."""
+    """Each of K modes paired with every measurement of its window: P pairs, lines of sight (L) first.
+
+    `node` (P,) is the mode, `lines` (L, 6) and `distances` (P - L) the measurements, `seconds` (P,) their time after
+    the mode's [s], `errors` the error model of all.
+    """
 
     node: Ints  # (P,) mode, for lines of sight first
     lines: Floats  # (L, 6)
@@ -310,7 +350,10 @@ class ModePairs(NamedTuple):
 
 
 def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
-    """Return each of K modes paired with all measurements of its window; `mode_window` (K,) are the windows."""
+    """Return each of K modes paired with all measurements of its window.
+
+    `mode_window` (K,) is the window of each mode.
+    """
     nodes, chosen = [], []
     for own in rows.window:
         first = np.searchsorted(own, mode_window)
@@ -326,9 +369,10 @@ def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
 
 
 def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
-    """Return residuals (..., n), in standard deviations, and gradients (..., n, 2) of lines of sight.
+    """Return residuals (..., n) [standard deviations] and gradients (..., n, 2) of lines of sight at positions.
 
-    `lines` (n, 6) are as in `WindowMeasurements`, `xy` (..., n or 1, 2) positions.
+    `lines` (n, 6) are sensor position, unit direction, and a, b of the variance a d^2 + b across the line at distance
+    d; `xy` (..., n or 1, 2) are positions. A residual is of the measured direction against the position's.
     """
     away = xy - lines[:, :2]
     across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
@@ -340,7 +384,7 @@ def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
 
 
 def _seen(pairs: ModePairs, x: Floats) -> tuple[Floats, Floats]:
-    """Return normalised residuals (P,) and gradients (P, 4) of the paired measurements at mode states `x` (K, 4)."""
+    """Return normalised residuals (P,) and gradients (P, 4) of paired measurements at the modes' states `x` (K, 4)."""
     own = x[pairs.node]
     xy = own[:, ::2] + pairs.seconds[:, None] * own[:, 1::2]
     L = len(pairs.lines)
@@ -357,7 +401,7 @@ def _outside(xy: Floats, covariance: Floats, hull: Floats | None) -> Floats:
     Args:
         xy: (K, 2) positions.
         covariance: (K, 2, 2) of them.
-        hull: (H, 2) convex, counter-clockwise; None: no room.
+        hull: (H, 2) corners of the room, convex and counter-clockwise; None: no room, costs 0.
     """
     if hull is None:
         return np.zeros(len(xy))
@@ -369,7 +413,10 @@ def _outside(xy: Floats, covariance: Floats, hull: Floats | None) -> Floats:
 
 
 def _distinct(modes: WindowModes) -> WindowModes:
-    """Return the probable modes of each window, without those close to a better one."""
+    """Return the probable modes of each window, the best first, without those close to a better one.
+
+    At most `MAX_MODES` per window; modes `MAX_LOG_GAP` above the best one's cost are dropped.
+    """
     information = np.linalg.inv(modes.covariance)
     kept: list[int] = []
     own: list[int] = []
@@ -386,9 +433,9 @@ def _distinct(modes: WindowModes) -> WindowModes:
 
 
 def _sums(node: Ints, weight: Floats, left: Floats, right: Floats, K: int) -> Floats:
-    """Return (K, a, b) sums, over each mode's pairs, of weight times `left` times `right`.
+    """Return (K, a, b) sums over each mode's pairs of weight times the outer product of `left` and `right`.
 
-    `node` (P,) is the mode of each pair, `weight` (P,), `left` (P, a), `right` (P, b).
+    `node` (P,) is the mode of each pair; `weight` (P,), `left` (P, a), `right` (P, b).
     """
     out = np.empty((K, left.shape[1], right.shape[1]))
     for i in range(left.shape[1]):

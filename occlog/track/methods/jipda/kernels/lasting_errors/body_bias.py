@@ -18,20 +18,21 @@ from ..linear import invert
 def body_bias_shift(
     mean: Floats, covariance: Floats, views: PackedCameras, rates: DetectorModel
 ) -> tuple[Floats, Floats]:
-    """Derivative of least-squares positions with respect to a common bias of the box centres.
+    """Return the derivative of least-squares positions with respect to a common bias of the box centres.
 
     Cameras around a person shift the position in different directions, cameras on one side all along their lines of
     sight. Occlusion is ignored.
 
     Args:
-        mean: (N, 6) people.
-        covariance: (N, 6, 6): of it the variances of heights and widths.
-        views: C cameras and sources of positions.
+        mean: (N, 6) x, y, vx, vy, height, width of the people.
+        covariance: (N, 6, 6) of these states; the variances of height and width are used.
+        views: C cameras and position sensors.
         rates: parameters of the cameras' detectors.
 
     Returns:
-        (N, 2) shift for a bias of one height of the box; (N,) its length as a share of the sum of what single cameras
-        contribute: 1 if all cameras with the person in view are on one side.
+        (N, 2) shift of x and y [scene unit] for a vertical bias of one height of the box; (N,) its length as a share of
+        the sum of what single cameras contribute: 1 if all cameras with the person in view are on one side or none has
+        it in view, 0 in the area of a position sensor.
     """
     N, C = mean.shape[0], views.lens.shape[0]
     shift, share = np.zeros((N, 2)), np.ones(N)

@@ -21,9 +21,12 @@ from ..linear import invert
 
 
 class BoxDisagreement(NamedTuple):
-    """Residuals of M boxes of N people, after a fit of positions and bodies to one time step.
+    """Residuals of the M boxes of N people, after a fit of positions and body sizes to one time step alone.
 
-    Columns are centre and width across, centre and height down, as in `DetectorModel.noise`.
+    `residual` (M, 4) has the errors [px] of centre x, width, centre y, height (0: box not used), `kept` (M, 4) the
+    share 1 - leverage of the noise variance that they retain (0: not used), `size` (M, 4) the box size [px] that scales
+    each noise. `position` (N, 2) is the fitted position (NaN: fewer than two boxes), `variance` (N,) its mean variance
+    per axis.
     """
 
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
@@ -43,16 +46,17 @@ def camera_disagreement(
     owner: Ints,
     good: Bools,
 ) -> BoxDisagreement:
-    """Fit the position of each person to the boxes of one time step, and return the residuals that remain.
+    """Fit position and body size of each person to the boxes of one time step, by weighted least squares.
 
     Args:
-        mean: (N, 6) of all people after the update; the body comes from here, as surely as it is known.
-        covariance: (N, 6, 6) covariances of the states.
-        views: cameras.
+        mean: (N, 6) x, y, vx, vy, height, width after the update; the fit is linearised here, with this body size as
+            the prior.
+        covariance: (N, 6, 6) of these states; the variances of height and width are used.
+        views: cameras and position sensors.
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
-        owner: (M,) person of a box.
-        good: (M,) whether a box is surely of its owner, whole and in plain view.
+        owner: (M,) index of the person of each box.
+        good: (M,) whether a box is surely of its owner, whole and unoccluded; others are not used.
     """
     N, M = mean.shape[0], boxes.box.shape[0]
     residual, kept, size = np.zeros((M, 4)), np.zeros((M, 4)), np.ones((M, 4))

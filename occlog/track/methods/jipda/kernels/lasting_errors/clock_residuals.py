@@ -18,24 +18,25 @@ MAX_RESIDUAL = 0.4
 def clock_residuals(
     mean: Floats, views: PackedCameras, boxes: PackedDetections, owner: Ints, good: Bools, late: Floats, centre: Floats
 ) -> tuple[Floats, Floats]:
-    """Normal equations of the clock offsets from the boxes of one time step.
+    """Return normal equations of the cameras' clock offsets from the boxes of one time step.
 
     The residual of a camera that is late by d is (m - d) v, with v the velocity in the image, and m the mean delay of
     the person's track, which follows all cameras. Elimination of m gives N d = b, with N a graph Laplacian: only
     differences of d between cameras that see the same people are observable.
 
     Args:
-        mean: (P, 6) predicted people.
-        views: C cameras and sources of positions.
-        boxes: M boxes of the time step; `delay` holds the offsets that are corrected.
-        owner: (M,) person of a box, or -1.
-        good: (M,) whether a box is surely of its owner.
+        mean: (P, 6) predicted x, y, vx, vy, height, width of the people.
+        views: C cameras and position sensors.
+        boxes: M boxes of the time step; `delay` includes the correction by `late`.
+        owner: (M,) index of the person of a box, or -1.
+        good: (M,) whether a box is surely of its owner; others are not used.
         late: (C,) offset [s] by which each camera's frames are corrected in `delay`.
-        centre: (C, 4) means of the residuals [heights] and velocities [heights/s] of each camera: a pose that is wrong
-            shifts boxes, too.
+        centre: (C, 4) mean residuals (u, v) [box heights] and mean velocities [box heights/s] of each camera, which are
+            subtracted: a pose that is wrong shifts boxes, too.
 
     Returns:
-        (C, C + 1) N and b; (C, 5) count, and sums of the residuals and velocities.
+        (C, C + 1) N and, in the last column, b, for offsets in s; (C, 5) number of boxes, and sums of their residuals
+        (u, v) and velocities (u, v), before `centre` is subtracted.
     """
     C, M = views.lens.shape[0], boxes.box.shape[0]
     normal, sums = np.zeros((C, C + 1)), np.zeros((C, 5))

@@ -29,13 +29,14 @@ SMALL_VARIANCE = 1e-9
 
 @kernel
 def initial_moments(moments: Floats, z: float, noise: float, square: float, velocity: float) -> None:
-    """Write the model weights, means and covariances (3, 10) of one grid point after the first position.
+    """Write the model weights, means and covariances (3, 10) of one grid point after the first position of a sequence.
 
     Args:
-        moments: (3, 10) written.
+        moments: (3, 10) written; rows: standing, straight, manoeuvring; columns: weight, means of x, v, b, and
+            covariances xx, xv, xb, vv, vb, bb, with x the position, v the velocity and b the correlated error.
         z: measured position along one axis.
         noise: variance of the position's white error.
-        square: s^2 of the grid point.
+        square: s^2, variance of b at the grid point.
         velocity: prior variance of the velocity of a walking person.
     """
     moments[:] = 0.0
@@ -48,7 +49,10 @@ def initial_moments(moments: Floats, z: float, noise: float, square: float, velo
 
 @kernel
 def transition_matrix(rates: Floats, dt: float, out: Floats) -> None:
-    """Write the transition probabilities (3, 3) of the models over dt from their rates [1/s]; row: from, column: to."""
+    """Write the transition probabilities of the three motion models over `dt` [s] from their rates to `out` (3, 3).
+
+    `rates` (3, 3) [1/s]; row: model before, column: model after; the diagonal is ignored.
+    """
     step = dt / 2.0**SQUARINGS
     for a in range(MODELS):
         total = 0.0
@@ -66,18 +70,19 @@ def advance_moments(
     moments: Floats, to: Floats, dt: float, density: Floats, z: float, noise: float, square: float, rho: float,
     velocity: float, outlier: float,
 ) -> float:  # fmt: skip
-    """Predict and update the models (3, 10) of one grid point, in place; return the log likelihood of the position.
+    """Predict and update the three motion models of one grid point and axis in place; return the log likelihood of `z`.
 
     Args:
-        moments: (3, 10) weight, x, v, b, xx, xv, xb, vv, vb, bb of each motion model.
+        moments: (3, 10) of standing, straight, manoeuvring: weight, means of x, v, b, and covariances xx, xv, xb, vv,
+            vb, bb, with x the position, v the velocity and b the correlated error; changed.
         to: (3, 3) transition probabilities over dt, from row to column.
         dt: time since the last position [s].
-        density: (3,) of the random walk of who stands, and of the acceleration of the other models.
+        density: (3,) spectral density of the random walk of a standing person, and of the acceleration in the others.
         z: measured position along one axis.
         noise: variance of its white error.
-        square: s^2.
-        rho: correlation of the error over dt.
-        velocity: variance of the velocity of who begins to walk.
+        square: s^2, variance of b.
+        rho: correlation of b over dt.
+        velocity: variance of the velocity of a person who begins to walk.
         outlier: additional variance of outliers.
     """
     mixed = np.zeros((MODELS, MOMENTS))
@@ -154,19 +159,23 @@ def advance_bank(
     moments: Floats, fresh: Bools, dt: Floats, z: Floats, noise: Floats, square: Floats, time: Floats, rates: Floats,
     density: Floats, velocity: float, outlier: float,
 ) -> Floats:  # fmt: skip
-    """Advance the filter banks of n people by one position each, in place; return the log likelihoods (G,) of the grid.
+    """Advance the filter banks of n people by one position each, in place; return log likelihoods (G,) of the grid.
+
+    A grid point is a standard deviation s and correlation time tau of the position error b; log likelihoods are summed
+    over people and axes. A person's first position adds nothing.
 
     Args:
-        moments: (n, 2, G, 3, 10) of each axis and grid point.
+        moments: (n, 2, G, 3, 10) by person, axis, grid point and motion model: weight, means of x, v, b, and
+            covariances xx, xv, xb, vv, vb, bb; changed.
         fresh: (n,) people with a sequence that begins here.
         dt: (n,) time since the last position [s], > 0; ignored where fresh.
-        z: (n, 2) positions.
+        z: (n, 2) measured positions.
         noise: (n,) variances of their white errors, per axis.
         square: (G,) s^2 of the grid points.
         time: (G,) tau of the grid points [s], > 0.
         rates: (3, 3) transition rates of the motion models [1/s], from row to column.
-        density: (3,) process noise of the motion models.
-        velocity: variance of the velocity of who begins to walk.
+        density: (3,) process noise densities of standing, straight, manoeuvring.
+        velocity: variance of the velocity of a person who begins to walk.
         outlier: additional variance of outliers.
     """
     G = square.shape[0]

@@ -30,22 +30,23 @@ def pose_residuals(
     owner: Ints,
     good: Bools,
 ) -> Floats:
-    """Normal equations of camera rotations from the boxes of one time step.
+    """Return normal equations of camera rotations from the boxes of one time step.
 
     The centre of a box depends on position and height of the person and on two angles of the camera. Positions are
     eliminated without a prior, heights with that of the track; people seen by a single camera contribute nothing.
 
     Args:
-        mean: (P, 6) people.
-        covariance: (P, 6, 6) covariances of the states.
-        views: C cameras and sources of positions.
-        boxes: M boxes of the time step.
+        mean: (P, 6) x, y, vx, vy, height, width of the people.
+        covariance: (P, 6, 6) of these states; the variance of the height is used.
+        views: C cameras and position sensors.
+        boxes: M boxes of the time step, packed.
         rates: parameters of the cameras' detectors.
-        owner: (M,) person of a box, or -1.
-        good: (M,) whether a box is surely of its owner.
+        owner: (M,) index of the person of a box, or -1.
+        good: (M,) whether a box is surely of its owner; others are not used.
 
     Returns:
-        (2 C, 2 C + 1) N and b of N angles = b [rad].
+        (2 C, 2 C + 1) N and, in the last column, b of N a = b, with the angles a [rad] of each camera about the
+        vertical and about its horizontal axis.
     """
     angles, M = ANGLES * views.lens.shape[0], boxes.box.shape[0]
     out = np.zeros((angles, angles + 1))
@@ -74,19 +75,23 @@ def pose_residuals(
 def centre_rows(
     state: Floats, camera: int, lens: Floats, delay: float, box: Floats, rates: DetectorModel, out: Floats
 ) -> int:
-    """Fill the two rows of a box: Jacobian and residual of its centre, divided by the standard deviation.
+    """Fill the two rows of a box in the least squares of camera angles: Jacobian and residual of its centre.
+
+    Rows (x, y) are divided by the standard deviation of the centre. Columns: the person's x, y and height; two angles
+    of each camera; the residual.
 
     Args:
-        state: (6,) person.
+        state: (6,) x, y, vx, vy, height, width of the person.
         camera: index of the camera.
-        lens: row of the packed camera.
+        lens: (LENS,) row of the camera in `PackedCameras.lens`.
         delay: time of the frame after that of the state [s].
-        box: (4,) corners [px].
+        box: (4,) left, top, right, bottom [px].
         rates: parameters of the cameras' detectors.
         out: (2, 3 + 2 C + 1) zeros; filled.
 
     Returns:
-        Number of rows: 2, or 0 of a box that is out of sight or too far off.
+        Number of filled rows: 2, or 0 for a position sensor, a person out of view, or a box farther than `MAX_RESIDUAL`
+        heights from the expected one.
     """
     expected, slope = np.empty(4), np.zeros((4, 6))
     if lens[MODEL] == GROUND_PLANE or box_and_slope(lens, state, delay, expected, slope) < 0.0:
