@@ -10,6 +10,7 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import NS, Floats
+from occlog.consistency.clock_offsets import offset_words
 from occlog.core.geometry.camera import angles_from_rotation
 from occlog.errors import InputError, option
 from occlog.io.formats.calibration.points import read_marked_points
@@ -384,7 +385,9 @@ def _clock_findings(found: Calibrated) -> Iterator[Check]:
     for each in found.cameras:
         name, sigma = [each.camera.name], each.sigma
         if each.is_late:
-            yield finding(CLOCKS, "clock-offset-found", sensors=name, late_s=each.late_s, sigma_s=float(sigma[LATE]))
+            late_s, sigma_s = each.late_s, float(sigma[LATE])
+            words = offset_words(late_s)
+            yield finding(CLOCKS, "clock-offset-found", sensors=name, late_s=late_s, sigma_s=sigma_s, **words)
         if each.is_drifting:
             yield finding(
                 CLOCKS, "clock-drift-found", sensors=name, ppm=each.drift_ppm, sigma_ppm=1e6 * float(sigma[DRIFT])

@@ -118,7 +118,11 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """Return the default of the settings field `f` as text for help, as `1.7 m, or 3.33 in a scene-specific unit`."""
+    """Return the default of the settings field `f` as text.
+
+    `1.7 m, or 3.33 in a scene-specific unit`; where its unit has no length: `0.1 s, or 1 s where the scene has its own
+    unit of length`.
+    """
     spec = declaration(f)
     if spec.shown is not None:
         return spec.shown
@@ -129,7 +133,11 @@ def default_words(f: Field[object]) -> str:
     text = value_words(f, people)
     if unit:
         text += f" {unit}"
-    return text if people == own else f"{text}, or {value_words(f, own)} in a scene-specific unit"
+    if people == own:
+        return text
+    if "length" in spec.unit:
+        return f"{text}, or {value_words(f, own)} in a scene-specific unit"
+    return f"{text}, or {f'{value_words(f, own)} {unit}'.rstrip()} where the scene has its own unit of length"
 
 
 def value_words(f: Field[object], value: object) -> str:

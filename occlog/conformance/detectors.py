@@ -167,7 +167,7 @@ def check_results(of: Any) -> None:
         (found,) = film(of, [image(k)], own=own)
         kept.append((found, as_bytes([found])))
     if any(as_bytes([found]) != was for found, was in kept):
-        raise BrokenError("boxes change after they were given back; give back copies")
+        raise BrokenError("boxes change after they were returned; return copies")
 
 
 def check_read_only(of: Any) -> None:

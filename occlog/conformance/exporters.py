@@ -45,7 +45,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
     with called(what):
         (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))
     if file.closed:
-        raise BrokenError(f"{what} closes the file, which its opener does")
+        raise BrokenError(f"{what} closes the file; leave this to occlog, which opened it")
     return file.getvalue()
 
 
@@ -62,7 +62,9 @@ def check_tables(of: Any) -> None:
         if name not in TABLES:
             raise BrokenError(f"tables: {name!r} is unknown; expected {', '.join(TABLES)}")
     if not any(name in SAMPLES for name in of.tables):
-        raise BrokenError(f"of {', '.join(of.tables)} nothing can be tried; the kit has {', '.join(SAMPLES)}")
+        raise BrokenError(
+            f"there are samples of {', '.join(SAMPLES)}, but none of {', '.join(of.tables)} to try the exporter with"
+        )
 
 
 def check_writes(of: Any) -> None:

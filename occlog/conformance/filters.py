@@ -96,7 +96,7 @@ def _similar(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -
             continue
         if a is None or b is None:
             if (a is None) != (b is None):
-                raise BrokenError(f"{what}: the target is found in one case alone")
+                raise BrokenError(f"{what}: the target is found with or without it, but not in both cases")
             continue
         spread = walk.scale * np.sqrt(np.trace(np.asarray(a.covariance)))
         off = float(np.linalg.norm(walk.at(np.asarray(a.xy)) - np.asarray(b.xy)))
@@ -208,7 +208,7 @@ def check_results(of: Of) -> None:
         if estimate is not None:
             kept.append((estimate, np.array(estimate.xy), np.array(estimate.covariance)))
     if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
-        raise BrokenError("a position changes after it was given back; give back copies")
+        raise BrokenError("a position changes after it was returned; return copies")
 
 
 def check_memory(of: Of) -> None:

@@ -205,7 +205,7 @@ def check_results(of: Any) -> None:
             ids = own.step(each)
         kept.append((ids, np.array(ids).tolist()))
     if any(np.array(ids).tolist() != was for ids, was in kept):
-        raise BrokenError("identities change after they were given back; give back copies")
+        raise BrokenError("identities change after they were returned; return copies")
 
 
 def check_memory(of: Any) -> None:

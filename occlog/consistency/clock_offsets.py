@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -40,6 +40,27 @@ def cause_of(offset_s: float, slack_s: float = MAX_CLOCK_ERROR_S) -> str:
     if 1.0 <= abs(quarters) <= MAX_ZONES and abs(offset_s - round(quarters) * ZONE_S) <= slack_s:
         return " (a time zone)"
     return " (times since a start)" if abs(offset_s) > MIN_EPOCH_S else ""
+
+
+class OffsetWords(TypedDict):
+    """Texts that a message on an offset of time stamps is filled with; seconds are rounded to 0.1 ms.
+
+    Attributes:
+        offset: size of the offset [s].
+        sense: `large` if time stamps are too large, `small` if they are too small.
+        correction: what to add to the time stamps [s], as `--clock-offset` takes it.
+    """
+
+    offset: str
+    sense: str
+    correction: str
+
+
+def offset_words(late_s: float) -> OffsetWords:
+    """Return texts on time stamps that are `late_s` [s] too large; negative: too small."""
+    late_s = round(late_s, 4)
+    sense = "large" if late_s > 0.0 else "small"
+    return {"offset": f"{abs(late_s):.10g}", "sense": sense, "correction": f"{-late_s:.10g}"}
 
 
 MAX_BLOCKS = 256

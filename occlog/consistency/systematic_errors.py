@@ -20,6 +20,7 @@ from occlog.records.tables import Tracks
 from occlog.records.verdicts import Check, finding, outcome
 
 from .bearings import StatedResiduals
+from .clock_offsets import offset_words
 from .estimates import MAX_SIGMA_RAD
 
 SYSTEMATIC = "sensor errors"
@@ -258,6 +259,7 @@ class SystematicErrors:
                 sensors=[one.sensor],
                 size=one.size / unit,
                 error=one.error / unit,
+                **offset_words(one.size),
                 allowed=one.noise / unit,
                 rivals=f" (or {', '.join(others[:2])} is off)" if others else "",
             )

@@ -75,7 +75,7 @@ class EvaluateRequest(Request):
         at_most=180,
         option="--doa-gate",
         metavar="DEGREES",
-        nothing="10",
+        nothing="10 deg",
         kinds=(AZIMUTHS,),
     )
     views: Path | None = source(

@@ -101,7 +101,9 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 
 @click.command(name="info", short_help="Describe a scene, recording, table or run folder.")
 @click.argument("path", type=options.INPUT)
-@click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
+@click.option(
+    "--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Number of rows of a table to print."
+)
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
     """Describe PATH: a scene (YAML), a recording (MCAP), a bag of ROS or a table (Parquet, Arrow, CSV).

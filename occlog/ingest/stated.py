@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of
+from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of, offset_words
 from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
 from occlog.io.files.timing.utc import utc
 from occlog.io.formats.boxes.reader import BoxSurvey, counter_bits
@@ -202,7 +202,8 @@ def clock_faults(stamped: Mapping[str, StampedFrames]) -> Iterator[Check]:
         if 2 * len(starts_s) > len(others) and not steps and not drifting:
             offset.add(name)
             start_s, cause = float(np.median(starts_s)), cause_of(starts_s[0])
-            yield finding(CLOCKS, "clock-offset", sensors=[name], offset_s=start_s, other=listed(others), cause=cause)
+            words, other = offset_words(start_s), listed(others)
+            yield finding(CLOCKS, "clock-offset", sensors=[name], offset_s=start_s, other=other, cause=cause, **words)
     if len(stamped) == 2 and drifts:
         drifts.popitem()  # either may be the one
     for name, drifting in drifts.items():

@@ -35,7 +35,7 @@ from occlog.errors import ExitCode
     "--bearings",
     type=options.INPUT,
     default=None,
-    help="Bearings of another recording for these experiments, with --scene.",
+    help="Bearings for the experiments on recorded detections, instead of --data; give --scene too.",
 )
 @options.scene_opt
 @click.option(
@@ -45,7 +45,9 @@ from occlog.errors import ExitCode
     show_default=True,
     help="Number of processes on this machine; results do not depend on it.",
 )
-@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use the workers of this Dask scheduler instead.")
+@click.option(
+    "--scheduler", default=None, metavar="ADDRESS", help="Use the workers of this Dask scheduler instead of --workers."
+)
 @click.option("--runs", type=click.IntRange(min=2), default=None, help="Runs per point. [default: those of the paper]")
 @click.option("--steps", type=click.IntRange(min=10), default=None, help="Steps per run. [default: those of the paper]")
 @click.option(

@@ -25,7 +25,7 @@ class PlanConfig(Settings):
         at_least=0,
         at_most=MAX_PEOPLE,
         option="--people",
-        nothing="by `density`",
+        nothing="from --density",
     )
     density: float = setting(
         0.0,

@@ -48,7 +48,7 @@ class PlanRequest(Request):
     )
     spacing: float | None = setting(
         None,
-        "Maximum spacing of positions along a wall. [default: a sixteenth of all walls]",
+        "Maximum spacing of positions along a wall. [default: a sixteenth of the length of all walls]",
         unit="length",
         above=0,
         option="--spacing",

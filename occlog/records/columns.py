@@ -212,7 +212,7 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
         raise InputError(
-            f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be equal",
+            f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must have one length",
             id="incompatible-inputs",
         )
     return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])

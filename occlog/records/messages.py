@@ -86,7 +86,7 @@ VERDICT: dict[str, Message] = {
     "gaps": Message(
         W,
         "{count} of {rows} rows follow a gap and restart the filter: rows are {interval_s:.3g} s apart",
-        "use method fix, a larger max_gap_s, or give the unit (--input-units ms)",
+        "use method fix, a larger max_gap_s, or state the unit (--input-units t=ms)",
     ),
     "targets-never-detected": Message(
         N,
@@ -96,7 +96,7 @@ VERDICT: dict[str, Message] = {
     "selection-without-view": Message(
         W,
         "fewer than two of the selected sensors see the target in {count} of {rows} rows (allowed: {allowed:.0%})",
-        "select with greedy, more cameras, or more often",
+        "use {option[select]} greedy, or a larger {option[n_cameras]}",
     ),
     "region-edge": Message(
         W,
@@ -105,8 +105,8 @@ VERDICT: dict[str, Message] = {
     ),
     "single-sensor": Message(
         W,
-        _ROWS + "a single sensor sees the target, so that its distance is undetermined",
-        "add a sensor, or track in images (occlog ground)",
+        _ROWS + "a single sensor sees the target: its distance is unknown",
+        "add a sensor, or use images and a target height (occlog ground)",
     ),
     "out-of-view": Message(
         W,
@@ -140,27 +140,27 @@ VERDICT: dict[str, Message] = {
         "check poses and labels",
     ),
     "no-path": Message(
-        W, _ROWS + "no way around a wall was found", "insert more states: give a smaller max_state_gap_s"
+        W, _ROWS + "no path around a wall was found", "insert more states: give a smaller max_state_gap_s"
     ),
-    "not-converged": Message(W, _ROWS + "the search did not converge", "allow more iterations"),
+    "not-converged": Message(W, _ROWS + "the search did not converge", "give a larger max_iterations"),
     "unobservable": Message(
-        N, _ROWS + "the measurements do not determine the position, and the covariance says so", "add sensors"
+        N, _ROWS + "the measurements do not determine the position, so its covariance is large", "add sensors"
     ),
     "ambiguous": Message(
         N,
-        _ROWS + "measurements fit several positions, which the covariance holds",
-        "add stations off the line, or use method apf or map",
+        _ROWS + "measurements fit several positions, which the covariance covers",
+        "add a sensor elsewhere, or use method apf or map",
     ),
     "rival-mode": Message(
         W,
-        "target {targets}: another trajectory is nearly as probable (1 to {odds:.2g}), up to {distance:.3g} "
+        "target {targets}: another path is nearly as probable (1 to {odds:.2g}), up to {distance:.3g} "
         "{unit} away in {count} of {rows} rows, from {first_s:.4g} to {last_s:.4g} s",
-        "add a sensor, or give start",
+        "add a sensor, or give {option[start]}",
     ),
     "no-matching-region": Message(
         W,
-        _ROWS + "ranges are not as stated, or reads are missed",
-        "state or fit detection_probability and false_alarm_probability",
+        _ROWS + "no position is in range of just the readers that read the tag",
+        "check or fit the ranges (occlog fit-readers)",
     ),
     "reads-unexplained": Message(
         W,
@@ -182,12 +182,12 @@ VERDICT: dict[str, Message] = {
     "nis-large": Message(
         W,
         "{what} are {factor:.1f} times as far from the track as stated (NIS {nis:.2g}, allowed: {allowed:g})",
-        "state a larger noise, or check poses and clocks",
+        "state more measurement noise, or check poses and clocks",
     ),
     "nis-small": Message(
         N,
         "{what} have standard deviations {factor:.1f} times too large (NIS {nis:.2g}, allowed: {allowed:g} and more)",
-        "state a smaller noise",
+        "state a smaller measurement noise",
     ),
     "process-noise-small": Message(
         W,
@@ -196,19 +196,20 @@ VERDICT: dict[str, Message] = {
     ),
     "labels-exchanged": Message(
         W,
-        "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
+        "bearings of targets {targets} have exchanged labels (target_id) from {begin_s:.4g} s to {until} {where} "
+        "({done})",
         "check the labels; {option[keep_labels]} keeps them",
     ),
     "sensor-turned": Message(
         W,
         "bearings of {sensors} are {size:+.2g} +- {error:.1g} degrees off those of the other sensors (allowed: "
         "{allowed:.1g}){rivals}",
-        "correct its yaw, or calibrate",
+        "subtract this from its yaw, or calibrate",
     ),
     "sensor-late": Message(
         W,
-        "bearings of {sensors} agree if its clock is {size:.2g} +- {error:.1g} s late (allowed: {allowed:.1g}){rivals}",
-        "correct its clock (ingest --clock-offset)",
+        "time stamps of {sensors} are {offset} +- {error:.1g} s too {sense} (allowed: {allowed:.1g}){rivals}",
+        "ingest with --clock-offset {sensors}={correction}",
     ),
     "range-bias": Message(
         W,
@@ -222,9 +223,9 @@ VERDICT: dict[str, Message] = {
     ),
     "label-jump": Message(
         W,
-        "the label of target {targets} jumps {distance:.3g} {unit} at {at_s:.4g} s, {count} jumps in all: {speed:.3g} "
+        "bearings with target_id {targets} jump by {distance:.3g} {unit} at {at_s:.4g} s ({count} jumps): {speed:.3g} "
         "{unit}/s (allowed: {allowed:.3g})",
-        "check the labels and clocks",
+        "check if another target got the label, and the clocks",
     ),
     "outside-room": Message(
         W,
@@ -238,8 +239,8 @@ VERDICT: dict[str, Message] = {
     ),
     "several-targets": Message(
         W,
-        "{unassociated:.1f} of {candidates:.1f} candidates in a frame are near no track and persist in {sensors}",
-        "use method jipda, label the candidates, or give the start",
+        "of {candidates:.1f} candidates a frame in {sensors}, {unassociated:.1f} persist near no track: more targets?",
+        "use method jipda, label candidates, or give {option[start]}",
     ),
     "compass": Message(
         W,
@@ -250,7 +251,7 @@ VERDICT: dict[str, Message] = {
         N,
         "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (below "
         "{allowed:g} rad)",
-        "state the noise that they have",
+        "give their true standard deviations",
     ),
     # Estimates against the truth
     "no-covariance": Message(N, "estimates have no covariance: errors and residuals are not checked against it"),
@@ -262,7 +263,7 @@ VERDICT: dict[str, Message] = {
     ),
     "tracks-delayed": Message(
         W,
-        "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, without it "
+        "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, without the delay "
         "{without:.3g} {unit}",
         "check frame numbers and clocks, or process noise",
     ),
@@ -302,7 +303,7 @@ VERDICT: dict[str, Message] = {
     "error-far-above-bound": Message(
         N,
         "the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {allowed:.0f})",
-        "check the motion that the bound was given",
+        "check the motion model of the bound ({option[motion]})",
     ),
     # Multi-camera tracks of people
     "no-boxes": Message(N, "camera {sensors} has no box at any time"),
@@ -333,13 +334,13 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-error": Message(
         W,
-        "boxes of several cameras: {change}",
-        "correct the calibration or its clock",
+        "by the boxes of several cameras {change}",
+        "correct the calibration or the times of this camera",
     ),
     "camera-gap": Message(
         W,
-        "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though another one detects {people} times in "
-        "its view",
+        "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though others detect people in its view "
+        "({people} detections)",
         "check whether its boxes are complete",
     ),
     "camera-unassociated": Message(
@@ -368,13 +369,13 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-clock-offset": Message(
         W,
-        "camera {sensors} detects {share:.0%} of others' people; it agrees if its times are reduced by {late_s:.2g} s",
-        "correct its clock, or leave it out",
+        "camera {sensors} detects {share:.0%} of the people of others; it agrees with {correction} s added to times",
+        "ingest with --clock-offset {sensors}={correction}",
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: its images are {size} s {side} (significant: {allowed:.1g}); corrected",
-        "subtract it from its times (ingest --clock-offset) and track again",
+        "camera {sensors}: its time stamps are {offset} s too {sense} (allowed: {allowed:.1g}), which was corrected",
+        "ingest with --clock-offset {sensors}={correction}",
     ),
     "camera-clock-drift": Message(
         W,
@@ -431,13 +432,13 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-offset-found": Message(
         N,
-        "the clock of {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
-        "ingest again with this scene, or with {option[clock_offset]}",
+        "time stamps of {sensors} are {offset} +- {sigma_s:.3f} s too {sense}; the calibrated scene holds this offset",
+        "ingest with this scene, or with {option[clock_offset]} {sensors}={correction}",
     ),
     "array-placed": Message(
         N,
         "microphone array {sensors} is {distance:.2g} m and {yaw_deg:+.3g} deg from its stated pose",
-        "track with this scene, which turns recorded directions by the difference",
+        "track with the calibrated scene, which turns recorded directions by the difference",
     ),
     "array-not-calibrated": Message(
         W,
@@ -451,8 +452,8 @@ VERDICT: dict[str, Message] = {
     ),
     "board-coverage": Message(
         W,
-        "camera {sensors}: the board was in {share:.0%} of the image (allowed: {allowed:.0%}); elsewhere the lens is "
-        "not known",
+        "camera {sensors}: the board was in {share:.0%} of the image (needed: {allowed:.0%}); elsewhere the lens "
+        "is not known",
         "move the board to the borders and corners",
     ),
     "board-residual": Message(
@@ -462,8 +463,8 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-drift-found": Message(
         N,
-        "the clock of camera {sensors} drifts by {ppm:+.1f} ppm (+- {sigma_ppm:.1f} ppm) against the others; the scene "
-        "states it",
+        "the times of camera {sensors} gain {ppm:+.1f} ppm (+- {sigma_ppm:.1f} ppm) on the others; the calibrated "
+        "scene holds this drift",
         "ingest again with this scene",
     ),
     "clock-drift-undetermined": Message(
@@ -475,7 +476,7 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.10g} s after the "
         "others{cause}",
-        "check its clock",
+        "check its clock (ingest --clock-offset)",
     ),
     "calibration-inconsistent": Message(
         W,
@@ -511,9 +512,8 @@ VERDICT: dict[str, Message] = {
     ),
     "frame-numbers-sparse": Message(
         W,
-        "camera {sensors}: {count} of {frames} frames have the number after that of the frame before (expected: "
-        "{allowed:.0%} and more)",
-        "number frames consecutively",
+        "camera {sensors}: only {count} of {frames} frame numbers follow the one before by 1 (expected: {allowed:.0%})",
+        "number frames 0, 1, 2, ... in the file of boxes",
     ),
     "identity-switches-likely": Message(
         W,
@@ -536,7 +536,7 @@ VERDICT: dict[str, Message] = {
     "view-without-tracks": Message(
         N,
         "no first ellipse began a tracker in {sensors}: nothing is tracked there",
-        "give some, or omit the view ({option[without]})",
+        "give ellipses of it, or omit the view ({option[without]})",
     ),
     "single-view": Message(
         N, "there is one view only, so other views cannot assist it: {option[method]} {method} {does}"
@@ -569,8 +569,8 @@ VERDICT: dict[str, Message] = {
     # Calibrations and files of `ingest`
     "world-left-handed": Message(
         W,
-        "everything is behind all cameras: the world seems to be left-handed (Unity, MultiviewX)",
-        "mirror it ({option[mirror]} y); of OpenGL's axes negate rows 2 and 3 of R and t",
+        "everything is behind all cameras: the world seems left-handed (Unity, MultiviewX)",
+        "mirror it ({option[mirror]} y), or for OpenGL cameras negate rows 2 and 3 of R and t",
     ),
     "world-not-upright": Message(
         W,
@@ -589,8 +589,8 @@ VERDICT: dict[str, Message] = {
     ),
     "vertical-uncertain": Message(
         W,
-        "all cameras have the same viewing direction: up is known up to their pitch, assumed to be 0",
-        "state it ({option[up]} X,Y,Z)",
+        "all cameras have the same viewing direction: the vertical is found under the assumption that their pitch is 0",
+        "state the vertical ({option[up]} X,Y,Z)",
     ),
     "camera-not-above-ground": Message(
         W,
@@ -633,7 +633,7 @@ VERDICT: dict[str, Message] = {
     ),
     "time-shifts-unused": Message(W, "timeshift_cam_imu differs between the cameras and is not used", "give {options}"),
     "boxes-end-inside": Message(
-        W, "boxes of every camera end at {found} px, not at {stated} (factor {factor:.4g})", "{hint}"
+        W, "boxes of every camera reach to {found} px, though images have {stated} px (factor {factor:.4g})", "{hint}"
     ),
     "boxes-end-beyond": Message(
         W,
@@ -644,7 +644,7 @@ VERDICT: dict[str, Message] = {
     "boxes-restart": Message(
         W,
         "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
-        "split it there, and ingest each with its own times",
+        "split the file there, and ingest each part with its own times",
     ),
     "boxes-counter-restart": Message(
         W,
@@ -674,8 +674,8 @@ VERDICT: dict[str, Message] = {
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
         W,
-        "{sensors} has no time in common with another sensor: it begins {offset_s:+.10g} s after the others{cause}",
-        "check its clock and the unit of its times, or give {option[clock_offset]}",
+        "{sensors} has no time in common with others: it begins {offset_s:+.10g} s after them{cause}",
+        "check its clock and unit of times, or give an offset ({option[clock_offset]})",
     ),
     "clock-jump": Message(
         N,
@@ -683,17 +683,19 @@ VERDICT: dict[str, Message] = {
         "check whether its clock was set, or the recording interrupted",
     ),
     "recorder-clock": Message(
-        N, "the times of recording {what}, against the header stamps of all topics", "use the header stamps"
+        N,
+        "the times of recording {what}, against the header stamps of all topics",
+        "use {option[timestamp_source]} header",
     ),
     "clock-offset": Message(
         W,
-        "camera {sensors}: its times are {offset_s:+.6g} s from those of {other} at the same frame numbers{cause}",
-        "check its clock, or give {option[clock_offset]}",
+        "camera {sensors}: its times are {offset_s:+.6g} s after those of {other} at equal frame numbers{cause}",
+        "check its clock, or give {option[clock_offset]} {sensors}={correction}",
     ),
     "clock-drift": Message(
         W,
         "{sensors}: its times gain {ppm:+.4g} ppm on {other}",
-        "check its clock and frame rate; a scene states the drift of a clock (drift_ppm)",
+        "check its clock and frame rate, or state the drift of its clock (drift_ppm) in a scene",
     ),
     "rate-implausible": Message(
         W,
@@ -707,23 +709,23 @@ VERDICT: dict[str, Message] = {
     ),
     "time-stamps-unit": Message(
         W,
-        "{sensors}: its time stamps last {ratio:.3g} times as long as {other}",
+        "{sensors}: from its first to its last time stamp is {ratio:.3g} times as long as {other}",
         "name their column after its unit (t_ms, t_s)",
     ),
     "pictures-turned": Message(
         N,
         "camera {sensors}: its pictures are {how}, as the metadata of the file state",
-        "a calibration of the unturned pictures does not fit them",
+        "use a calibration of turned pictures",
     ),
     "pictures-not-turned": Message(
         N,
         "camera {sensors}: its pictures are stored as coded, and not {how} as the metadata of the file state",
-        "a calibration of turned pictures does not fit",
+        "use a calibration of pictures that are not turned",
     ),
     "pixels-not-square": Message(
         N,
         "camera {sensors}: its pixels are {across:g} wide to {down:g} high; the pictures are not stretched",
-        "a calibration of stretched pictures does not fit them",
+        "use a calibration of pictures that are not stretched",
     ),
     "values-dim": Message(
         N,
@@ -777,7 +779,7 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors}: detection at about ({u_px:.0f}, {v_px:.0f}) px in {share:.0%} of its frames (noted from "
         "{allowed:.0%})",
-        "exclude it if it is clutter",
+        "if it is a false alarm, mask this position in the images",
     ),
     "microphone-silent": Message(
         W,
@@ -817,8 +819,8 @@ VERDICT: dict[str, Message] = {
     ),
     "array-size-implausible": Message(
         W,
-        "array {sensors}: delays of sound are {share:.2g} times the longest that microphones and sampling rate permit",
-        "check the unit of microphones and the rate of the file",
+        "array {sensors}: delays between microphones are {share:.2g} times the longest possible",
+        "check the unit of their positions and the sampling rate",
     ),
     "microphones-inconsistent": Message(
         W,
@@ -866,7 +868,7 @@ _EACH_LATER = "increasing times"
 DOCTOR: dict[str, Message] = {
     "unreadable": Message(E, "cannot be read"),
     "unknown": Message(W, "not a file that occlog can read", "name a recording, a table, a scene or a video"),
-    "no-table": Message(N, "fits none of occlog's tables"),
+    "no-table": Message(N, "its columns are those of no table of occlog"),
     "not-checked": Message(W, "not checked", "name the files, or a folder with fewer"),
     "damaged-recording": Message(E, "damaged", "salvage it: occlog recover {file} -o OUT.mcap"),
     "no-index": Message(
@@ -881,7 +883,7 @@ DOCTOR: dict[str, Message] = {
     "row": Message(E, "invalid row"),
     "duplicate-row": Message(E, "duplicate rows", "remove the copies", "once"),
     "two-positions": Message(E, "a person in two positions at one time", "keep one of them", "one row"),
-    "duplicate-key": Message(W, "rows of one key with different values", "keep one of them", "one row"),
+    "duplicate-key": Message(W, "rows that differ in values for one time and key", "keep one of them", "one row"),
     "order": Message(E, "a time before the preceding one", "sort by time", _EACH_LATER),
     "restart": Message(
         W,
@@ -890,9 +892,18 @@ DOCTOR: dict[str, Message] = {
         _EACH_LATER,
     ),
     "duplicate-time": Message(E, "a repeated time", "give each frame its own time", _EACH_LATER),
-    "skipped-stamp": Message(W, "a header stamp that repeats or goes back", "`occlog ingest` skips it", _EACH_LATER),
-    "lost-message": Message(W, "a message that does not match its type", "`occlog ingest` skips it"),
-    "undecoded": Message(N, "messages that were not decoded: only their recording times were checked"),
+    "skipped-stamp": Message(
+        W,
+        "a header stamp that repeats or goes back, for which `occlog ingest` leaves the message out",
+        "use the times of recording: ingest --timestamp-source log",
+        _EACH_LATER,
+    ),
+    "lost-message": Message(
+        W,
+        "a message that cannot be read, since it does not match its type; `occlog ingest` leaves it out",
+        "copy the bag again from where it was recorded, or record again",
+    ),
+    "undecoded": Message(N, "messages of this topic were not decoded, and only their times of recording checked"),
     "linked-video": Message(E, "its video cannot be used"),
     "image": Message(W, "an image that cannot be decoded", "its frame is lost; ingest the source again"),
     "video-frames": Message(W, "lost frames", "copy or repair the file"),
@@ -901,22 +912,33 @@ DOCTOR: dict[str, Message] = {
         N, "frames at uneven times", "keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
     "suspect": Message(W, "may be wrong"),
-    "losses": Message(N, "lost when it was made"),
+    "losses": Message(N, "input that was lost when this file was made"),
     "epoch-unit": Message(
         W, "times in another unit than stated", "name the column after its unit, or convert the times"
     ),
-    "epoch": Message(W, "times outside 1970 to 2100", "give the origin of the times"),
+    "epoch": Message(W, "times outside 1970 to 2100", "give the origin of the times (ingest --start-time)"),
     "gap": Message(
         W,
         "no data",
-        "expect no estimates of this time by this sensor",
+        "check whether data of this time were lost: nothing is estimated from this sensor in the gap",
         f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "jump": Message(
-        W, "a clock jump", "take the times of another clock", f"{GAP_INTERVALS:g} times the usual frame interval"
+        W,
+        "a clock jump",
+        "use the times of another clock (of a bag: ingest --timestamp-source header or log)",
+        f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
-    "drift": Message(W, "header stamps that gain on the times of recording", "choose one: ingest --timestamp-source"),
-    "clock-disjoint": Message(W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"),
+    "drift": Message(
+        W,
+        "header stamps that gain on the times of recording (negative: that lose)",
+        "use the better clock: ingest --timestamp-source header or log",
+    ),
+    "clock-disjoint": Message(
+        W,
+        "times far from those of the other sensors",
+        "give an offset, added to its times (ingest --clock-offset SENSOR=SECONDS)",
+    ),
     "truth-disjoint": Message(
         W,
         "a truth without a time in common with the sensors",
@@ -925,7 +947,7 @@ DOCTOR: dict[str, Message] = {
     "clock-late": Message(
         W,
         "starts and ends later than the others by the same time (earlier, if negative)",
-        "if its clock is off, give an offset (ingest --clock-offset)",
+        "if its clock is off, give this offset (ingest --clock-offset SENSOR=SECONDS)",
         f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "frozen-camera": Message(
@@ -934,7 +956,9 @@ DOCTOR: dict[str, Message] = {
         "leave its frames of this time out if its stream had stopped",
     ),
     "two-clocks": Message(
-        W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"
+        W,
+        "times of recording far from the header stamps",
+        "use the right ones: ingest --timestamp-source header or log",
     ),
 }
 """Findings of `occlog doctor` by id."""

@@ -95,8 +95,8 @@ class SceneRequest(SimulateRequestBase):
     )
     rate_hz: float | None = setting(
         None,
-        f"Steps per second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} in a "
-        f"unit of its own]",
+        f"Steps per second. [default: {1 / WorldConfig.in_unit('m').step_s:g}, or {1 / WorldConfig().step_s:g} where "
+        f"the scene has its own unit of length]",
         option="--rate",
         **RATES,
     )

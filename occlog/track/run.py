@@ -312,7 +312,8 @@ def distance_measurements(
     method = tracker(request.method)
     if config.range_bias and not (isinstance(method, Batch) and method.biases):
         raise UsageError(
-            "range-bias: method map alone estimates constant errors of ranges; choose it", id="not-applicable"
+            f"range-bias: only method map estimates constant errors of ranges; give {option('method')} map",
+            id="not-applicable",
         )
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
@@ -340,7 +341,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     if spec.length_unit != scene.length_unit:
         raise UsageError(
             f"{request.path_loss}: is in {spec.length_unit}, but the scene in "
-            f"{scene.length_unit}; fit it in this scene",
+            f"{scene.length_unit}; fit it in this scene (occlog fit-readers)",
             id="unit-mismatch",
         )
     for twice in ("rssi_power", "rssi_exponent"):
@@ -377,7 +378,7 @@ def one_at_a_time(
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
-        raise UsageError("no sensor with a pose is left to take turns; omit fewer of them", id="too-few-sensors")
+        raise UsageError("round robin: no sensor with a pose is left; exclude fewer", id="too-few-sensors")
     return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 
@@ -424,7 +425,8 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     motion = read_motion(path)
     if motion.length_unit != unit:
         raise UsageError(
-            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene",
+            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene (occlog "
+            "fit-motion)",
             id="unit-mismatch",
         )
     for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):

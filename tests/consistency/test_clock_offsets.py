@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
-from occlog.consistency.clock_offsets import ReceivedTimes
+from occlog.consistency.clock_offsets import ReceivedTimes, offset_words
 
 START_S = 1_700_000_000.0
 TIMES = START_S + np.arange(500) / 10.0
+
+
+def test_an_offset_is_stated_with_the_seconds_to_add() -> None:
+    assert offset_words(0.20004) == {"offset": "0.2", "sense": "large", "correction": "-0.2"}
+    assert offset_words(-3600.5) == {"offset": "3600.5", "sense": "small", "correction": "3600.5"}
 
 
 def received(stamps: Floats, stall_s: float = 0.0, seed: int = 0) -> ReceivedTimes:

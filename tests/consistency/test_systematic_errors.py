@@ -121,3 +121,5 @@ def test_every_method_names_the_sensor(method: str) -> None:
     late = said_of(made, Bearings(**columns | {"t_ns": t_ns[order]}), method)
     assert (late[0].id, late[0].sensors) == ("sensor-late", ("cam2",))
     assert abs(late[0].figures["size"] - 0.2) < 0.05
+    assert "too large (allowed" in late[0].text
+    assert abs(float(late[0].text.rpartition("=")[2]) + 0.2) < 0.05

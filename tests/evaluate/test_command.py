@@ -210,7 +210,7 @@ def test_exit_code_7_when_an_output_exists(folder: Path, capsys: pytest.CaptureF
         (["bearings.parquet", "--truth", "recording.mcap"], "bearings.parquet: holds bearings; expected tracks"),
         (["tracks.parquet", "--truth", "cut.mcap"], "cut.mcap"),
         (["tracks.parquet", "--truth", "empty.parquet", "--scene", "scene.yaml"], "empty.parquet: is empty"),
-        (["other.parquet", "--truth", "recording.mcap"], "no track number (5)"),
+        (["other.parquet", "--truth", "recording.mcap"], "no target_id of a track (5)"),
         (["feet.parquet", "--truth", "recording.mcap"], "feet.parquet: lengths are in ft, but in m in the scene"),
         (["tracks.parquet", "--truth", "bare.mcap"], "bare.mcap: holds no truth"),
         (["tracks.parquet", "--truth", "recording.mcap", "--bearings", "recording.mcap"], "holds no bearings"),

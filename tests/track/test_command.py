@@ -189,7 +189,7 @@ def test_cameras_without_a_pose_have_no_turn():
     assert found.sensor.tolist() == ["cam1", "cam3"] * (STEPS // 2)
     with pytest.raises(InputError, match="row 1: camera 'cam2' has no pose"):
         list(one_at_a_time([rows], replace(SCENE, cameras=cameras), everyone, 1.0))
-    with pytest.raises(UsageError, match="no sensor with a pose is left to take turns"):
+    with pytest.raises(UsageError, match="no sensor with a pose is left"):
         one_at_a_time([rows], replace(SCENE, cameras=cameras), frozenset({"cam2"}), 1.0)
 
 

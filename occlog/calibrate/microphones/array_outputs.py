@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.consistency.clock_offsets import offset_words
 from occlog.core.geometry.camera import wrap_angle
 from occlog.io.open import Opened, check_unit, open_input
 from occlog.records.scene import Clock, Scene
@@ -142,7 +143,8 @@ def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -
             out.append(finding(ARRAYS, "array-placed", sensors=name, distance=away, yaw_deg=turned))
         if each.is_late:
             late, sigma = each.late_s, float(each.sigma[4])
-            out.append(finding(ARRAYS, "clock-offset-found", sensors=name, late_s=late, sigma_s=sigma))
+            words = offset_words(late)
+            out.append(finding(ARRAYS, "clock-offset-found", sensors=name, late_s=late, sigma_s=sigma, **words))
     return outcome(ARRAYS, out, unless="" if arrays else "no directions of arrival")
 
 

@@ -309,7 +309,7 @@ class RegionFigures:
         view, box = self._first_view, self._first_box
         if view is not None and box is not None and not self._shared:
             raise InputError(
-                f"views: no frame of theirs (first: {view[0]} at {in_seconds(view[1])} s) is among the true boxes "
+                f"views: none of their frames (first: {view[0]} at {in_seconds(view[1])} s) has true boxes "
                 f"(first: {box[0]} at {in_seconds(box[1])} s); times and sensor names must be the same",
                 id="disjoint-inputs",
             )

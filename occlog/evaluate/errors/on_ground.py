@@ -66,7 +66,7 @@ def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
     pairs = {track: track for track in known.tracks if track in known.targets}
     if known.tracks and known.targets and not pairs:
         raise InputError(
-            f"tracks: no track number ({_some(list(known.tracks))}) is a target of the truth "
+            f"tracks: no target_id of a track ({_some(list(known.tracks))}) is one of the truth "
             f"({_some(list(known.targets))}); pair them by distance ({option('match')} optimal)",
             id="disjoint-inputs",
         )
@@ -129,7 +129,7 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
     tracks, truth = (f"{in_seconds(first)} to {in_seconds(last)} s" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return NoCommonTimeError(
-            f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "
+            f"tracks: no track overlaps in time with the target of its target_id (tracks {tracks}, truth {truth}, "
             f"max_gap_s {config.bridge_s:g}); match by position ({option('match')} optimal), check "
             f"the clocks, or raise {option('max_gap')}"
         )

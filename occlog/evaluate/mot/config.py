@@ -102,7 +102,7 @@ class MultiTargetConfig(Settings):
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         option="--gospa-cutoff",
-        nothing="threshold of a match",
+        nothing="1 minus --iou-threshold for boxes, else --match-distance",
         kinds=MANY,
     )
     gospa_p: float = setting(2.0, "Exponent p of GOSPA.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
@@ -151,7 +151,7 @@ class MultiTargetConfig(Settings):
         people=0.5,
         option="--moda-distance",
         metavar="LENGTH",
-        shown="0.5 m; in units without a name --match-distance",
+        shown="0.5 m; that of --match-distance in a scene-specific unit",
         kinds=(GROUND,),
     )
     gospa_px: float | None = setting(

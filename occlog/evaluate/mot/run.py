@@ -178,7 +178,7 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
     how = f"{option('benchmark')} mot15"
     statement = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
     if skipped.all():
-        raise InputError(f"{path}: {statement}; where class {min(kinds)} is of people, count all boxes: {how}")
+        raise InputError(f"{path}: {statement}; if class {min(kinds)} means people, give {how}, which counts all boxes")
     return (f"{path}: {statement}; {how} counts all boxes",)
 
 

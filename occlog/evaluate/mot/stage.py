@@ -519,12 +519,12 @@ class ComparedBoxes:
         found, true = (_first_of(rows) for rows in zip(*self._wanted(), strict=True))
         if self._by_number:
             return (
-                f"tracks: their frames ({found[1]}) are none of the truth's ({true[1]}); frames must have the same "
-                "numbers"
+                f"tracks: none of their frame numbers ({found[1]}) is in the truth ({true[1]}); frames must have "
+                "the same numbers"
             )
         return (
-            f"tracks: the time of no frame of theirs (first: {found[0]}) is among the true boxes (first: {true[0]}); "
-            "times must be the same"
+            f"tracks: none of their times (first: {found[0]}) is a time of the true boxes (first: {true[0]}); times "
+            "must be the same"
         )
 
     def figures(self, take: Callable[[Failures], None] | None = None) -> ImageTrackFigures:

@@ -38,13 +38,13 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
     "--tol",
     multiple=True,
     metavar="COLUMN=ATOL[:RTOL]",
-    help="Tolerance of a column (or TABLE.COLUMN, or a JSON key) instead; may be repeated.",
+    help="Tolerance of a column (or TABLE.COLUMN, or a JSON key) instead of --rtol and --atol; may be repeated.",
 )
 @click.option(
     "--tol-unit",
     multiple=True,
     metavar="UNIT=ATOL[:RTOL]",
-    help="Tolerance of all columns in a unit (rad, m, cm, px, m^2, ...) instead; may be repeated.",
+    help="Tolerance of all columns in a unit (rad, m, cm, px, m^2, ...) instead of --rtol and --atol; may be repeated.",
 )
 @click.option(
     "--time-tol",

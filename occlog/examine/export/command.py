@@ -70,7 +70,12 @@ LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}"
     help=f"GeoJSON, and inputs of latitude and longitude: {ORIGIN_HELP}.",
 )
 @click.option("--scene", type=options.INPUT, default=None, help="Scene file, for image sizes (coco) and viewers.")
-@click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
+@click.option(
+    "--recording",
+    type=options.INPUT,
+    default=None,
+    help="Viewers: recording with images and scene, if the run folder has none.",
+)
 @click.option(
     "--layout",
     type=options.PATH,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.boxes.mot_challenge import SequenceInfo
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
@@ -91,7 +91,8 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
-            f"the text holds one camera, and there are {', '.join(cameras)}; choose one (camera)", id="ambiguous-input"
+            f"the text holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
+            id="ambiguous-input",
         )
     if camera is not None and camera not in cameras:
         raise InputError(
@@ -118,7 +119,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
     size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
     if size is None:
         raise InputError(
-            f"the size of the images of {chosen} is not known, which seqinfo.ini has; give their scene",
+            f"the size of the images of {chosen} is not known, which seqinfo.ini needs; give {option('scene')}",
             id="missing-image-size",
         )
     first, last = found.ends[chosen]

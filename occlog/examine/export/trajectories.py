@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import quantiles
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.external.names import POWERS, ending
 from occlog.io.files.geodetic import Origin, degrees_of
 from occlog.io.files.spill import Spool
@@ -116,7 +116,9 @@ def check_one_target(names: list[int]) -> None:
     """Raise UsageError if there are several target identities in `names`, since TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
-        raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)", id="ambiguous-input")
+        raise UsageError(
+            f"TUM text holds one target, and there are {few}; choose one ({option('target')})", id="ambiguous-input"
+        )
 
 
 def tum_text(positions: ExportedPositions) -> str:
@@ -153,7 +155,9 @@ def geojson_texts(
         InputError: the length unit is not known in metres.
     """
     if length_unit not in METRES:
-        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known", id="missing-unit")
+        raise InputError(
+            f"lengths are in {length_unit}, of which the length in metres is not known; export CSV", id="missing-unit"
+        )
     counts: Counter[int] = Counter()
     for positions in pieces():
         names, rows = np.unique(positions.identity, return_counts=True)
@@ -260,7 +264,9 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         InputError: the length unit is not known in metres, or there are more than `MAX_CELLS` cells.
     """
     if length_unit not in METRES:
-        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known", id="missing-unit")
+        raise InputError(
+            f"lengths are in {length_unit}, of which the length in metres is not known; export CSV", id="missing-unit"
+        )
     unit = length_unit if length_unit in ("m", "mm") else "mm"
     known: set[int] = set()
     steps, last, start, n_steps = Spool(), None, 0, 0

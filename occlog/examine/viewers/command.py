@@ -29,13 +29,15 @@ every_opt = click.option(
     default=None,
     help="File that the viewer opens (MCAP). [default: a temporary file, removed when the viewer ends]",
 )
-@click.option("--recording", type=options.INPUT, default=None, help="Images and scene, if not in the folder.")
+@click.option(
+    "--recording", type=options.INPUT, default=None, help="Recording with images and scene, if the run folder has none."
+)
 @options.scene_opt
 @click.option(
     "--viewer",
     default=None,
     metavar="PROGRAM",
-    help=f"Its name or path.  [default: the first that is installed of {', '.join(PROGRAMS)}]",
+    help=f"Name or path of the viewer. [default: the first that is installed of {', '.join(PROGRAMS)}]",
 )
 @every_opt
 @click.option("--print", "only_print", is_flag=True, help="Write the file (-o), print the viewer's command, and end.")

@@ -101,7 +101,7 @@ class LearnConfig(SightingConfig):
     )
     min_samples: int = setting(
         5,
-        "Minimum number of boxes to learn a side of a target from.",
+        "Minimum number of boxes from which one viewing angle of a target is learned.",
         at_least=1,
         option="--min-samples",
         metavar="N",

@@ -18,7 +18,7 @@ from occlog.array_types import NS, Bools, Bytes, Floats, Ints, Ints32
 from occlog.core.image import bins_of, colour_counts, density
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
@@ -393,7 +393,7 @@ def observe_boxes(
         if colours.shape[1] and colours.shape[1] != bins_of(levels):
             raise InputError(
                 f"boxes: their colours are in {APPEARANCE_BINS} bins ({VIEWS_LEVELS} levels), but {bins_of(levels)} "
-                f"({levels} levels) are requested; learn with {VIEWS_LEVELS} levels, or give boxes with their images",
+                f"({levels} levels) are requested; give {option('colour_levels')} {VIEWS_LEVELS}, or boxes with images",
                 id="incompatible-inputs",
             )
         if not colours.shape[1]:

@@ -98,7 +98,10 @@ def sides_of(gallery: Gallery) -> GalleryArrays:
     bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
     levels = round((np.sqrt(4.0 * bins + 1.0) - 1.0) / 2.0)
     if bins_of(levels) != bins:
-        raise InputError(f"gallery: has densities of {bins} bins, and no number L of levels has L (L + 1) of them")
+        raise InputError(
+            f"gallery: has densities of {bins} bins, which is L (L + 1) for no number L of levels; make it again with "
+            "occlog appearance learn"
+        )
     target, row = np.unique(gallery.target_id, return_inverse=True)
     column = gallery.angle - 1
     density, pixels = np.zeros((len(target), angles, bins)), np.zeros((len(target), angles), dtype=np.int64)

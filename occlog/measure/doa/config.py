@@ -71,7 +71,7 @@ class DoaConfig(Settings):
         at_most=30,
         option="--grid",
         metavar="DEGREES",
-        nothing="1 to 5, from the array's size",
+        nothing="1 to 5 deg, from the array's size",
     )
     min_separation_deg: float = setting(
         20.0,

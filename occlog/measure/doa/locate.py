@@ -214,7 +214,7 @@ def make_band(rate: int, config: DoaConfig) -> Band:
     if len(bins) < 3:
         raise UsageError(
             f"listen: the band {config.low_hz:g} to {config.high_hz:g} Hz has {len(bins)} frequencies of a recording "
-            f"at {rate} Hz; take a wider band or a longer window",
+            f"at {rate} Hz, and 3 are needed; give a wider {option('band')} or a longer {option('window')}",
             id="invalid-setting",
         )
     return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
@@ -246,8 +246,8 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
         )
     if config.max_sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
-            f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer sources than microphones "
-            f"({len(array.microphones)} in {array.name})",
+            f"listen: {config.algorithm} finds fewer sources than microphones ({len(array.microphones)} in "
+            f"{array.name}), not {config.max_sources}; give a smaller {option('max_sources')}",
             id="invalid-setting",
         )
     grid = make_grid(array, band, speed, config)
@@ -273,7 +273,8 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
         return config.speed_of_sound
     if unit not in METRES:
         raise UsageError(
-            f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second",
+            f"listen: the scene's lengths are in {unit}, which is no known unit; give {option('speed_of_sound')} in "
+            "lengths of the scene per second",
             id="missing-unit",
         )
     return 343.0 / METRES[unit]
@@ -319,7 +320,8 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
         allowed = direction(a, e) @ normal > -1e-9
     if allowed.size > MAX_POINTS:
         raise UsageError(
-            f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid",
+            f"listen: a grid of {step:g} degrees has {allowed.size} directions, at most {MAX_POINTS} can be searched; "
+            f"give a wider {option('grid')}",
             id="problem-too-large",
         )
     return DirectionGrid(azimuth, elevation, allowed)

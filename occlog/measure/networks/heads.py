@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Floats32, Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import check_input
 
 from .config import (
@@ -148,15 +148,15 @@ def recognise(
     readings = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
     if head is not None and not readings:
         raise InputError(
-            f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave the "
-            f"head out to have it recognised",
+            f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave "
+            f"{option('head')} out to have it recognised",
             id="unsupported-network",
         )
     if len(readings) != 1:
         maybe = f"may be of {', '.join(each.head for each in readings)}" if readings else "are of no head that is known"
         raise InputError(
-            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has (head: "
-            f"{', '.join(HEADS)})",
+            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has "
+            f"({option('head')} {', '.join(HEADS)})",
             id="unsupported-network",
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
@@ -433,12 +433,12 @@ def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
         out = {int(k): str(name) for k, name in pairs}
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         raise InputError(
-            f"its names of classes cannot be read: {text[:60]!r}; give them in a file (names of classes)",
+            f"its names of classes cannot be read: {text[:60]!r}; give them in a file ({option('names')})",
             id="unsupported-network",
         ) from None
     if not out or min(out) < 0 or max(out) >= MAX_NAMES:
         raise InputError(
-            f"its names of classes have numbers out of 0 to {MAX_NAMES - 1}; give them in a file (names of classes)",
+            f"its names of classes have numbers out of 0 to {MAX_NAMES - 1}; give them in a file ({option('names')})",
             id="unsupported-network",
         )
     return out
@@ -490,7 +490,7 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
         if count is not None and max(declared) >= count:
             raise InputError(
                 f"names its class {max(declared)}, but has {count} classes; give their names in a file "
-                "(names of classes)",
+                f"({option('names')})",
                 id="unsupported-network",
             )
         return ClassNames(declared, "the network")

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Floats, Floats32
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.onnx_file import OnnxFile, Port, read_onnx
 from occlog.records.frames import Image
 
@@ -154,7 +154,9 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
             requested = int(w), int(h)
         except (KeyError, ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
             raise UsageError(
-                f"{file.path}: leaves the size of its images open; give it (size, in pixels)", id="missing-image-size"
+                f"{file.path}: leaves the size of its images open; give {option('size')} in pixels (of the network of "
+                f"{option('embed')}: {option('embed_size')})",
+                id="missing-image-size",
             ) from None
     size = (wide or (requested or (0, 0))[0], high or (requested or (0, 0))[1])
     if asked is not None and asked != size:

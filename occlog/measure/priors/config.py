@@ -102,7 +102,7 @@ class HullConfig(Settings):
     )
     coasting_s: float = setting(
         0.3,
-        "Time for which a certain polygon is kept while it is missing.",
+        "Time for which a polygon is kept while it is missing, if it has evidence (--evidence-memory).",
         unit="s",
         at_most=1e9,
         at_least=0,

@@ -32,8 +32,8 @@ def scheduler_options(command: F) -> F:
             "--scheduler",
             default=None,
             metavar="WHERE",
-            help="Cluster to use instead: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this machine), ray "
-            "or ray://HOST:PORT.",
+            help="Cluster to use instead of this machine: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this "
+            "machine), ray or ray://HOST:PORT.",
         ),
     ):
         command = option(command)

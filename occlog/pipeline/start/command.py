@@ -17,7 +17,8 @@ from occlog.cli import options
     "kinds",
     multiple=True,
     metavar="PATH=KIND[:NAME]",
-    help="What a file is, and the name of its camera or array; KIND is a word of the list, or unused. May be repeated.",
+    help="State what an input file is: KIND is one of the kinds listed above, or `unused`; NAME is its camera or "
+    "array. May be repeated.",
 )
 @click.option(
     "--set",

@@ -356,7 +356,8 @@ def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[s
     """
     if request.window is not None:
         raise UsageError(
-            f"{option('window')}: method {request.method} takes each frame of a camera by itself", id="not-applicable"
+            f"{option('window')}: method {request.method} takes each frame of a camera by itself; leave it out",
+            id="not-applicable",
         )
     inputs = ImageInput(request)
     config = configure(SortConfig(), request.settings)

@@ -130,7 +130,7 @@ def test_identities_that_agree_are_matched_and_the_rest_counted() -> None:
 
 
 def test_no_identity_agrees() -> None:
-    with pytest.raises(InputError, match=r"no track number \(4\).*truth \(0\).*match optimal"):
+    with pytest.raises(InputError, match=r"no target_id of a track \(4\).*truth \(0\).*match optimal"):
         evaluate(tracks(T5, [0, 0], 4), truth(T5, [0, 0]), None, scene())
 
 

@@ -184,7 +184,7 @@ def test_frames_are_reported_by_time_or_by_number() -> None:
     late = Boxes.of(
         **{c.name: getattr(tracks, c.name) for c in Boxes.columns() if c.name != "t_ns"}, t_ns=tracks.t_ns + 7
     )
-    with pytest.raises(InputError, match="tracks: the time of no frame of theirs"):
+    with pytest.raises(InputError, match="tracks: none of their times"):
         evaluate_boxes(late, true)
     assert evaluate_boxes(late, true, by_number=True).metrics == evaluate_boxes(tracks, true).metrics
 
@@ -219,7 +219,7 @@ def test_nothing_was_tracked() -> None:
         ([(0, "c", 1, 0.0, 0.0)], r"tracks: their cameras \(c\) are none of the truth \(a, b\)"),
         ([(0, "a", 1, 0.0, 0.0), (0, "a", 1, 5.0, 0.0)], "tracks: camera a, frame 0: target 1 twice"),
         ([(3, "b", -1, 0.0, 0.0)], "tracks: camera b, frame 3: a box without an identity"),
-        ([(70, "b", 1, 0.0, 0.0)], "tracks: the time of no frame of theirs"),
+        ([(70, "b", 1, 0.0, 0.0)], "tracks: none of their times"),
     ],
 )
 def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:

@@ -121,7 +121,7 @@ def test_the_summary_counts_the_rows_that_are_written(tmp_path: Path, capsys: py
 def test_of_many_targets_ten_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = Truth.of(t_ns=[0] * 12, target_id=range(12), role=["target"] * 12, x=[0.0] * 12, y=[0.0] * 12, z=[0.0] * 12)
     assert run(["export", put(tmp_path, truth), "-o", str(tmp_path / "t.tum")]) == ExitCode.USAGE
-    assert "there are 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more; choose one (target)" in capsys.readouterr().err
+    assert "there are 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more; choose one (--target)" in capsys.readouterr().err
 
 
 def test_tum_is_one_target_that_looks_where_it_goes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,7 +130,7 @@ def test_tum_is_one_target_that_looks_where_it_goes(tmp_path: Path, capsys: pyte
     np.testing.assert_allclose([float(v) for v in lines[0].split()[6:]], [np.sqrt(0.5), np.sqrt(0.5)])
     assert export(tmp_path, tracks(), "t.tum", "--target", "7").read_text().endswith(" 0 0 0.0 1.0\n")
     assert run(["export", put(tmp_path, tracks()), "-o", str(tmp_path / "two.tum")]) == ExitCode.USAGE
-    assert "holds one target, and there are 3, 7; choose one (target)" in capsys.readouterr().err
+    assert "holds one target, and there are 3, 7; choose one (--target)" in capsys.readouterr().err
 
 
 def test_geojson_lies_on_the_ellipsoid(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_boxes_of_one_camera_as_text(tmp_path: Path, capsys: pytest.CaptureFixtu
         "0 4 Pedestrian -1 -1 -10 10.5 20.0 40.5 60.0 -1 -1 -1 -1000 -1000 -1000 -10 0.75\n"
     )
     assert run(["export", put(tmp_path, boxes()), "-o", str(tmp_path / "x.txt"), "--to", "mot"]) == ExitCode.USAGE
-    assert "holds one camera, and there are a, b; choose one (camera)" in capsys.readouterr().err
+    assert "holds one camera, and there are a, b; choose one (--camera)" in capsys.readouterr().err
 
 
 def test_coco_has_images_boxes_and_a_category(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_of_two_boxes_the_one_that_is_more_alike_is_the_target():
 
 def test_a_gallery_of_no_levels_or_without_rows_is_refused():
     table = gallery()
-    with pytest.raises(InputError, match="7 bins, and no number L of levels"):
+    with pytest.raises(InputError, match="densities of 7 bins"):
         sides_of(Gallery.of(**{c.name: getattr(table, c.name) for c in table.columns()} | {"bins": table.bins + 1}))
     with pytest.raises(InputError, match="has no rows"):
         sides_of(Gallery.empty())

@@ -140,7 +140,7 @@ def test_cameras_without_a_pose_are_never_selected():
     for policy in POLICIES:
         config = SelectConfig(policy, 7)
         assert chosen(config, scene=scene).cameras == (0, 1, 3, 4, 5, 6, 7)
-    with pytest.raises(UsageError, match="8 cameras of 7"):
+    with pytest.raises(UsageError, match="8 cameras are to be selected, and 7 "):
         network(scene, SelectConfig("greedy", 8), NAMES, None)
 
 
@@ -229,13 +229,13 @@ def test_a_selection_of_a_file():
 
 
 def test_selections_that_the_scene_does_not_allow_are_refused():
-    with pytest.raises(UsageError, match="9 cameras of 8"):
+    with pytest.raises(UsageError, match="9 cameras are to be selected, and 8 "):
         network(SCENE, SelectConfig("greedy", 9), NAMES, None)
     with pytest.raises(UsageError, match="no camera 'door'"):
         network(SCENE, SelectConfig("fixed", 1, camera_order=("door",)), NAMES, None)
-    with pytest.raises(UsageError, match="order has 1 usable cameras, want 2"):
+    with pytest.raises(UsageError, match="1 usable cameras, and 2 are"):
         network(SCENE, SelectConfig("fixed", 2, camera_order=("cam1",)), NAMES, None)
-    with pytest.raises(UsageError, match="1 cameras of 0"):
+    with pytest.raises(UsageError, match="1 cameras are to be selected, and 0 "):
         network(SCENE, SelectConfig("greedy", 1), frozenset(), None)
 
 

@@ -398,7 +398,7 @@ def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: i
     if pixels / factor**2 > most:
         raise InputError(
             f"camera {camera.name}: frames are {size[0]} x {size[1]} px; the background ({kind}) is learnt from "
-            f"images of up to {most} pixels; shrink them by {math.ceil(math.sqrt(pixels / most))} or more (shrink)",
+            f"images of up to {most} pixels; give {option('downscale')} {math.ceil(math.sqrt(pixels / most))} or more",
             id="input-too-large",
         )
 

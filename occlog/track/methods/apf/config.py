@@ -156,7 +156,7 @@ class ApfConfig(SmoothingConfig):
     resampling_threshold: float = setting(
         1.0,
         "Resampling threshold: resample when the effective sample size, relative to the number of particles, is "
-        "below this; only with proposal=motion. 1: every scan.",
+        "below this; only with proposal=bootstrap. 1: every scan.",
         at_least=0,
     )
 

@@ -23,7 +23,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.geometry.visibility import Sensors
 from occlog.core.occlusion.occlusion_probability import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
-from occlog.errors import UsageError
+from occlog.errors import UsageError, option
 from occlog.filtering.likelihood.directions import MeasurementNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
@@ -89,7 +89,11 @@ def network(
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)
     if config.policy != "all" and config.n_cameras > len(cameras):
-        raise UsageError(f"select: {config.n_cameras} cameras of {len(cameras)}; select fewer", id="too-few-sensors")
+        raise UsageError(
+            f"select: {config.n_cameras} cameras are to be selected, and {len(cameras)} with a pose are in use; give "
+            f"{option('n_cameras')} {len(cameras)} or less",
+            id="too-few-sensors",
+        )
     order = cameras
     if config.camera_order:
         unknown = [n for n in config.camera_order if n not in names]
@@ -100,7 +104,9 @@ def network(
         order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)
         if config.policy == "fixed" and len(set(order)) < config.n_cameras:
             raise UsageError(
-                f"select: order has {len(set(order))} usable cameras, want {config.n_cameras}", id="too-few-sensors"
+                f"select: {option('camera_order')} names {len(set(order))} usable cameras, and {config.n_cameras} are "
+                f"to be selected ({option('n_cameras')}); name more",
+                id="too-few-sensors",
             )
     if config.policy == "brute-force" and math.comb(len(cameras), config.n_cameras) > MAX_SUBSETS:
         raise UsageError(

@@ -72,7 +72,7 @@ class MapConfig(Settings):
         **POSITIVE,
     )
     adapt_noise: bool = setting(
-        True, "Scale process and measurement noise up where the residuals demand it (with initial=consensus)."
+        True, "Scale process and measurement noise up where the residuals demand it (with initialisation=consensus)."
     )
     detection_probability: float | None = setting(
         None,
@@ -132,7 +132,7 @@ class MapConfig(Settings):
     )
     initial_depth: float | None = setting(
         None,
-        "Initial depth along the camera axes, with initial=axes.",
+        "Initial depth along the camera axes, with initialisation=axes.",
         unit="length",
         nothing="a tenth of the room's extent",
         **POSITIVE,

@@ -160,7 +160,7 @@ def advance(
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"map: numeric overflow or underflow ({error}); check sigma_px, u_px and sigma of the "
-            "bearings, and at the settings of the motion"
+            "bearings, and the settings of the motion"
         ) from error
     # Give out the states that have seen enough after them
     problem, solution, stuck = found.problem, found.solution, sought.stuck

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.models.motion_models import PathLossSpec, model_losses, read_path_loss
 from occlog.io.open import input_losses, load_scene, open_input
@@ -282,15 +282,19 @@ class ReadsInput:
         """
         if config.refine is None:
             if self._sights is not None:
-                raise UsageError("sights apply to cameras that refine; name the cameras (refine)", id="not-applicable")
+                raise UsageError(
+                    f"{option('refine_bearings')} is of cameras that refine positions; name them with "
+                    f"{option('set.refine')}NAME,...",
+                    id="not-applicable",
+                )
             return None
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.refine_method != "rays" and len(cameras) != 2:
             raise UsageError(
-                f"{config.refine_method} requires two cameras to refine with, got {len(cameras)}; use rays",
+                f"{config.refine_method} requires two cameras to refine, got {len(cameras)}; use refine_method=rays",
                 id="too-few-sensors",
             )
-        remedy = "give bearings of the cameras that refine (sights)"
+        remedy = f"give bearings of the cameras that refine ({option('refine_bearings')})"
         bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
         return RefineBearings(Bearings.concat(bearings), cameras, config.max_frame_age_s, config.gate, config.tag_speed)
 

@@ -114,7 +114,8 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
             summary.add(part)
         if not summary.rows:
             raise InputError(
-                f"{request.bearings}: no read is as strong as the threshold; lower it", id="insufficient-data"
+                f"{request.bearings}: no read reaches the threshold (min_rssi_dbm); give a lower one",
+                id="insufficient-data",
             )
         made = provenance.with_checks(summary.checks())
         tables.annotate(made)

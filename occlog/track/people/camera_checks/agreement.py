@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.consistency.clock_offsets import cause_of
+from occlog.consistency.clock_offsets import cause_of, offset_words
 from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
 from occlog.core.plane import inside_polygon
@@ -232,10 +232,8 @@ class CameraAgreement:
                     TIMES, "camera-clock-drift", sensors=[name], ppm=ppm, allowed=1e6 * float(limits[c]), size=size
                 )
             elif late_s:
-                size, side = f"{abs(late_s):.2g}", "late" if late_s > 0.0 else "early"
-                yield finding(
-                    TIMES, "camera-late", sensors=[name], late_s=late_s, size=size, side=side, allowed=limit_s
-                )
+                words = offset_words(late_s)
+                yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, allowed=limit_s, **words)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Generate findings about cameras without boxes, or with many duplicate boxes or boxes outside the image."""
@@ -357,6 +355,7 @@ class CameraAgreement:
                     others=usual,
                     allowed=limit,
                     late_s=late,
+                    **offset_words(late),
                 )
 
     def _unknown_rotations(self) -> str:

@@ -116,7 +116,7 @@ def need(count: int, shape: Shape, what: str) -> None:
     """
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
-        raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; want at least {least}")
+        raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; at least {least} are needed")
 
 
 def prepare(
@@ -142,7 +142,9 @@ def prepare(
     if noise is not None:
         R[:] = noise**2 * np.eye(2)
     elif not shape.noise and not nodes.cov[nodes.seen].any():
-        raise ValueError("the positions have no covariance; give the noise, or have it estimated")
+        raise ValueError(
+            "the positions have no covariance; give the measurement noise, or omit it to have it estimated"
+        )
     # Limit from below, as for noise that is fitted.
     R = R * (0.0 if shape.noise else scale**-2) + (0.0 if shape.noise else SMALLEST**2) * np.eye(2)
     return FitProblem(nodes._replace(xy=nodes.xy / scale), shape, scale, np.ascontiguousarray(R))

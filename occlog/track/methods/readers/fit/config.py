@@ -17,7 +17,7 @@ class FitReadersConfig(Settings):
 
     window_s: float = setting(
         1.0,
-        "Reads within this time are taken together.",
+        "Window: reads within this time make one time step.",
         unit="s",
         above=0,
         at_most=1e9,

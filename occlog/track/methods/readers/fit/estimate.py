@@ -66,14 +66,17 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     """
     present = np.unique(reader)
     if len(rssi) < len(present) + 3:
-        raise ValueError(f"{len(rssi)} reads of {len(present)} readers are too few to fit path losses")
+        raise ValueError(
+            f"{len(rssi)} reads of {len(present)} readers are too few to fit path losses; at least {len(present) + 3} "
+            "are needed (the number of readers and 3)"
+        )
     design = np.zeros((len(rssi), readers + 1))
     design[np.arange(len(rssi)), reader] = 1.0
     design[:, -1] = -10.0 * np.log10(np.maximum(distance_m, NEAREST_M))
     used = np.append(present, readers)
     solution, _, rank, _ = np.linalg.lstsq(design[:, used], rssi, rcond=None)
     if rank < len(used) or not solution[-1] >= MIN_LOSS:
-        raise ValueError("strengths do not fall with the distance; are the positions those of the tags?")
+        raise ValueError("strengths do not fall with the distance; check that the true positions are those of the tags")
     residual = rssi - design[:, used] @ solution
     variance = float(residual @ residual) / (len(rssi) - len(used))
     spread = np.sqrt(variance * np.diag(np.linalg.inv(design[:, used].T @ design[:, used])))

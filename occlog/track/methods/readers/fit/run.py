@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.numerics.interpolate import interpolate_positions
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import CoverageSpec, PathLossSpec, ReaderLoss, write_path_loss
 from occlog.io.open import Opened, input_losses, load_scene, open_input
 from occlog.records.scene import Scene, TagReader
@@ -123,7 +123,8 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     windows = sum(len(s.t_s) for s in collected.segments)
     if windows < MIN_WINDOWS:
         raise InputError(
-            f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps",
+            f"{where}: {windows} windows of reads have a true position, at least {MIN_WINDOWS} are needed; give more "
+            f"recordings, or a longer {option('max_gap')}",
             id="insufficient-data",
         )
     positions = np.array([r.position for r in scene.readers])
