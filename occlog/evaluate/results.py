@@ -91,7 +91,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """Return a message for each threshold that is met (a failure), or whose figure is missing, ambiguous or NaN."""
+    """Return a message for each threshold that is met (a failure), or has a missing, ambiguous or NaN figure."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
