@@ -194,3 +194,13 @@ def test_positions_of_satellite_receivers_in_bags_are_truth(
     assert np.abs(truth.z - 4.5).max() < 1e-4
     (loss,) = recording.losses
     assert (loss.count, "the receiver had no fix (status -1)" in loss.what) == (1, True)
+
+
+def test_longitudes_go_on_beyond_the_180th_meridian() -> None:
+    for longitude in (180.0, -180.0):
+        origin = Origin(10.0, longitude)
+        xy = np.array([[500.0, 0.0], [-500.0, 0.0]])
+        degrees = degrees_of(xy, origin)
+        assert np.abs(degrees[:, 0]).max() <= 180.0
+        assert sorted(np.sign(degrees[:, 0])) == [-1.0, 1.0]
+        np.testing.assert_allclose(places_of_degrees(degrees, origin), xy, atol=1e-6)

@@ -229,7 +229,10 @@ def degrees_of(xy: Floats, origin: Origin) -> Floats:
     distance, b = np.hypot(across, east), A * (1.0 - F)
     beta = np.arctan2(along * A, distance * b)
     found = np.arctan2(along + E2 / (1.0 - E2) * b * np.sin(beta) ** 3, distance - E2 * A * np.cos(beta) ** 3)
-    return np.column_stack([np.degrees(longitude + np.arctan2(east, across)), np.degrees(found)])
+    east_of_greenwich = np.degrees(longitude + np.arctan2(east, across))
+    # Longitudes beyond the 180th meridian continue at -180 degrees
+    east_of_greenwich -= 360.0 * np.sign(east_of_greenwich) * (np.abs(east_of_greenwich) > 180.0)
+    return np.column_stack([east_of_greenwich, np.degrees(found)])
 
 
 def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
