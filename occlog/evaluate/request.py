@@ -83,7 +83,8 @@ class EvaluateRequest(Request):
         kinds=WORLD,
     )
     cooperation: Path | None = source(
-        "Camera requests of `occlog track --cooperation`, to report their number, mean period, answers and frames.",
+        "Camera requests of `occlog track --cooperation`, to report their number and mean period, answers and "
+        "requested frames.",
         kinds=WORLD,
     )
     diagnostics: Path | None = source("Filter diagnostics of `occlog track`, for the consistency checks.", kinds=WORLD)
