@@ -18,7 +18,7 @@ from occlog.errors import UsageError, did_you_mean, option
 from occlog.settings import Declaration, Settings, declaration, declared, kind_of, read_value, setting
 
 S = TypeVar("S", bound=Settings)
-SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of stations."
+SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of sensor positions (name, x, y)."
 
 
 @dataclass(frozen=True)

@@ -214,9 +214,8 @@ def _table_of(name: str) -> type[Rows]:
 
 def _only(names: tuple[str, ...], wanted: str | None) -> str:
     if wanted is None and len(names) != 1:
-        raise UsageError(
-            f"the recording holds {', '.join(names) or 'no table'}; state which table to read", id="ambiguous-input"
-        )
+        remedy = f"choose one: table={names[0]!r}" if names else "give one that holds tables"
+        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; {remedy}", id="ambiguous-input")
     return names[0] if wanted is None else wanted
 
 
@@ -313,7 +312,10 @@ class CallInputs:
         return path
 
     def optional(self, value: Source | None, name: str) -> Path | None:
-        """Return the path of a file with the rows of an argument as `rows` does; None for None."""
+        """Return the path of a file with the rows of an argument; None for None.
+
+        Rows in memory are written to a temporary file. `name` names the argument in messages and that file.
+        """
         return None if value is None else self.rows(value, name)
 
     def scene(self, value: SceneSource | None) -> Path | None:

@@ -233,7 +233,7 @@ def evaluate(
             the true one missed; None: 10.
         measurements: ranges, signal strengths and time differences, for the bound.
         views: views to compare with true boxes; with `held_out`, views or boxes of all people.
-        cooperation: requests of `track` to cameras, for their cost.
+        cooperation: requests of `track` to cameras; their numbers and mean period are reported.
         diagnostics: filter diagnostics of `track`, for the consistency checks.
         scene: scene with the poses of the sensors; None: that of the recording with the truth or the bearings.
         frames: (first, stop): only frames first <= number < stop.

@@ -63,7 +63,7 @@ def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
 WITHOUT_DRY_RUN = ("reproduce", "schema")
 """Commands that write where nothing stops them."""
 DRY_RUN_HELP = "Check inputs, settings and outputs, list what would be written, and stop."
-VERBOSE_HELP = "Log input formats, outputs and times to standard error."
+VERBOSE_HELP = "Log input formats, outputs and elapsed times to standard error."
 
 
 def _flag(name: str, callback: Callable[..., None], help: str, *more: str) -> click.Option:

@@ -42,7 +42,7 @@ seed_opt = click.option(
     show_default=True,
     help="Seed of all random numbers; equal seeds give equal results.",
 )
-SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of stations."
+SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table of sensor positions (name, x, y)."
 scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit with code 6 if a consistency check fails. Outputs are written anyway."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)

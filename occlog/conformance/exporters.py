@@ -81,7 +81,8 @@ def check_rows(of: Any) -> None:
         for name, row in (("first", 0), ("last", -1)):
             if write(of, moved(rows, row), f"writing {rows.NAME}") == whole:
                 raise BrokenError(
-                    f"the {name} row of {rows.NAME} is skipped: the output is the same for other values in it"
+                    f"the exporter leaves out the {name} row of table {rows.NAME}: its output stays the same if values "
+                    "of that row change; write every row"
                 )
 
 

@@ -80,7 +80,10 @@ def check_settings(of: Any) -> None:
         try:
             of.settings.in_unit(unit)
         except Exception as error:
-            raise BrokenError(f"the defaults for lengths in {unit} are refused: {error}") from error
+            raise BrokenError(
+                f"settings: their defaults for scenes in {unit} are not valid ({error}); correct the defaults or their "
+                "limits"
+            ) from error
 
 
 def bytes_left(steps: Iterable[object], first: int) -> float:

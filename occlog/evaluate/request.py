@@ -82,7 +82,11 @@ class EvaluateRequest(Request):
         "Views to compare with the true boxes of --truth; with --held-out, views or boxes of all people.",
         kinds=WORLD,
     )
-    cooperation: Path | None = source("Camera requests of `occlog track --cooperation`, for their cost.", kinds=WORLD)
+    cooperation: Path | None = source(
+        "Camera requests of `occlog track --cooperation`, to report their number and mean period, answers and "
+        "requested frames.",
+        kinds=WORLD,
+    )
     diagnostics: Path | None = source("Filter diagnostics of `occlog track`, for the consistency checks.", kinds=WORLD)
     scene: Path | None = source(SCENE, scene=True, kinds=(AZIMUTHS, *WORLD))
     output: Path | None = sink("All metrics as one JSON object.", option="-o/--output", asked="never")

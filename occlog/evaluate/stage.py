@@ -301,6 +301,8 @@ class Evaluator:
     def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
         """Return the target of each track by identity, found by a pass over all frames if needed.
 
+        Empty if there are no tracks or no truth to compare. The pass also prepares `ground`.
+
         Args:
             ground: multi-target figures, for which the pass is the first of two; None: there are none.
             many: their settings.

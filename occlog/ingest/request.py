@@ -128,7 +128,11 @@ class IngestRequest(Request):
         "--clock-offset",
         "SENSOR=SECONDS",
     )
-    fps: tuple[str, ...] = _several("Frames per second, where --timestamps gives no times.", "--fps", "[CAM=]RATE")
+    fps: tuple[str, ...] = _several(
+        "Frames per second, where --timestamps gives no times; replaces the time stamps of a video file.",
+        "--fps",
+        "[CAM=]RATE",
+    )
     frames: tuple[str, ...] = _several(
         "Only frames A <= number < B, and true positions of their times. A frame of this range without a row in "
         "--boxes is one without a detection; if the frame numbers of a file have a step, only those in its step.",

@@ -256,7 +256,7 @@ def _units(times: Mapping[str, EventTimes]) -> Iterator[Check]:
         usual = float(np.median([each for other, each in spans.items() if other != name] or [0.0]))
         ratio = span / usual if usual > 0.0 else 1.0
         if is_unit_factor(ratio) and (ratio > 1.0 or len(spans) > 2):
-            yield finding(SENSORS, "time-stamps-unit", sensors=[name], ratio=ratio, other="those of the others")
+            yield finding(SENSORS, "time-stamps-unit", sensors=[name], ratio=ratio, other="the others")
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:

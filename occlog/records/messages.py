@@ -115,8 +115,8 @@ VERDICT: dict[str, Message] = {
     ),
     "undetected-in-view": Message(
         W,
-        _ROWS + "no sensor detects the target, although it is in clear view of cameras",
-        "check labels and detector; it may be hidden",
+        _ROWS + "no sensor detects the target, but its estimate is in clear view of cameras",
+        "check labels and detector; it may be elsewhere",
     ),
     "inconsistent-sensor": Message(
         W,
@@ -374,8 +374,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: its time stamps are {offset} s too {sense} (allowed: {allowed:.1g}), which was corrected",
-        "ingest with --clock-offset {sensors}={correction}",
+        "camera {sensors}: its time stamps are {offset} s too {sense} (allowed: {allowed:.1g}); corrected once found",
+        "ingest with --clock-offset {sensors}={correction} to correct all rows",
     ),
     "camera-clock-drift": Message(
         W,
@@ -407,8 +407,8 @@ VERDICT: dict[str, Message] = {
     ),
     "levels-not-stated": Message(
         W,
-        "heights or inclinations are not stated: standard deviations may be 3 times too small",
-        "state them, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
+        "estimated camera heights or tilts: standard deviations may be 3 times too small",
+        "measure them for the scene; {option[set]} sigma_height=0.02 and sigma_tilt=0.2 (m, deg)",
     ),
     "passages-ambiguous": Message(
         W,
@@ -709,7 +709,7 @@ VERDICT: dict[str, Message] = {
     ),
     "time-stamps-unit": Message(
         W,
-        "{sensors}: from its first to its last time stamp is {ratio:.3g} times as long as {other}",
+        "{sensors}: the time from its first to its last time stamp is {ratio:.3g} times that of {other}",
         "name their column after its unit (t_ms, t_s)",
     ),
     "pictures-turned": Message(

@@ -15,6 +15,7 @@ from .comparison.config import RunComparisonConfig
 
 PAGE, OVERLAY, BESIDE = "page", "overlay", "beside"
 OUTPUT_HELP = "Page to write: one self-contained HTML file."
+PNG_HELP = "Also write the main figures as a picture; with --frame instead that frame with overlay, and no page."
 MARKDOWN_HELP = "Also write text and metrics as Markdown."
 
 
@@ -42,7 +43,7 @@ class ReportRequestBase(Request):
     scene: Path | None = scene_file()
     truth: Path | None = source("True positions: a recording or a table.")
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame with overlay.",
+        PNG_HELP,
         result="report",
         suffix=".png",
         asked="png",
@@ -107,7 +108,7 @@ class OverlayRequest(ReportRequestBase):
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
     png: Path | None = sink(
-        "Also write the main figures as a picture; with --frame that frame with overlay.",
+        PNG_HELP,
         result="frame",
         suffix=".png",
         asked="frame",

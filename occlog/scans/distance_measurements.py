@@ -362,7 +362,8 @@ class DistanceMeasurementFeed:
         for chunk in self._chunks:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
                 raise InputError(
-                    f"measurements: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; "
+                    f"measurements: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
+                    f"{time_words(rest.t_ns[-1])}; "
                     "sort by t_ns",
                     id="unsorted-times",
                 )

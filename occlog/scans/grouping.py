@@ -167,8 +167,8 @@ def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_
         _check_sensors(chunk, names, unplaced, count)
         if last_ns is not None and chunk.t_ns[0] < last_ns:
             raise InputError(
-                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {time_words(chunk.t_ns[0])} comes after "
-                f"{time_words(last_ns)}; sort by t_ns",
+                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {time_words(chunk.t_ns[0])} is earlier "
+                f"than the preceding {time_words(last_ns)}; sort all rows by t_ns",
                 id="unsorted-times",
             )
         last_ns, count = int(chunk.t_ns[-1]), count + len(chunk)

@@ -70,7 +70,8 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
             continue
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort "
+                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
+                f"{time_words(rest.t_ns[-1])}; sort "
                 "the rows by t_ns",
                 id="unsorted-times",
             )

@@ -127,7 +127,7 @@ def test_a_camera_that_reports_a_target_twice_at_one_time_is_refused():
 
 def test_times_that_go_back_between_chunks_are_refused():
     chunks = [table((0, 1, 0, 1.0), (2, 2, 0, 1.0)), table((1, 2, 0, 1.0))]
-    with pytest.raises(InputError, match="row 2: sensor 'cam2': time 1 s comes after 2 s; sort"):
+    with pytest.raises(InputError, match="row 2: sensor 'cam2': time 1 s is earlier than the preceding 2 s; sort"):
         list(scans_of(chunks, SCENE, ALL))
 
 

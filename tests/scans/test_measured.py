@@ -160,7 +160,7 @@ def test_a_difference_counts_if_both_of_its_stations_do() -> None:
 
 def test_times_that_go_back_are_refused() -> None:
     parts = [table(sensor=["a"], t_ns=[5], range=[1.0]), table(sensor=["a"], t_ns=[4], range=[1.0])]
-    with pytest.raises(InputError, match=r"time 0.000000004 s comes after 0.000000005 s"):
+    with pytest.raises(InputError, match=r"time 0.000000004 s is earlier than the preceding 0.000000005 s"):
         list(DistanceMeasurementFeed(parts, scene(), DistanceMeasurementConfig(sigma_range=1.0)).joined(iter(())))
 
 

@@ -267,7 +267,11 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fi
                 points, pixels, size, np.eye(3), np.zeros(5), flags=flags
             )
         except cv2.error as error:
-            raise InputError(f"OpenCV cannot calibrate with these views: {error.err}", id="insufficient-data") from None
+            raise InputError(
+                f"OpenCV cannot calibrate with these views of the board ({error.err}); add images of it at other "
+                "angles and positions",
+                id="insufficient-data",
+            ) from None
         normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
         mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
         tilt = float(np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).max()))

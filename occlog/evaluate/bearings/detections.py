@@ -453,7 +453,8 @@ def paired(found: Floats, truth: Floats) -> Pairing:
     """Pair estimated azimuths `found` (n,) with true ones (m,) [rad] by the least sum of 1 - cos(error).
 
     Returns:
-        Numbers of both, and errors (min(n, m),) [rad] in -pi to pi.
+        How many true and estimated azimuths there are, and errors (min(n, m),), estimated minus true, [rad] in -pi to
+        pi.
     """
     difference = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
     i, j = linear_sum_assignment(1.0 - np.cos(difference))

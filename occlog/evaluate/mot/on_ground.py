@@ -101,8 +101,8 @@ class OwnPairs(NamedTuple):
 class GroundFigures:
     """Accumulates all multi-target figures on the ground over parts of a recording, in two passes: `prepare`, `update`.
 
-    Memory grows with the number of targets and tracks, not of frames, except for intervals in which trajectory GOSPA
-    fixes no pair.
+    Memory grows with the number of targets and tracks, not of frames, except for intervals in which later frames may
+    change the pairs of trajectory GOSPA.
     """
 
     def __init__(
@@ -393,7 +393,11 @@ class CountSums:
         self._squares, self._most = self._squares + other._squares, max(self._most, other._most)
 
     def result(self) -> Metrics:
-        """Return mean numbers of targets and tracks per frame, and mean, RMS and largest size of their difference."""
+        """Return the mean numbers of targets and of tracks per frame, and statistics of tracks minus targets.
+
+        These are the signed mean, the RMS, and the largest absolute value. Without frames the first four are NaN, and
+        the last is 0.
+        """
         n = self._frames
         return {
             "count_targets_mean": ratio_or_nan(self._targets, n),

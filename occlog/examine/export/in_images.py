@@ -114,7 +114,9 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
         InputError: the image size is unknown, or there are fewer than two frames for a rate.
     """
     if not found.ends:
-        raise InputError("the table has no rows, so that the frames of the video are unknown", id="empty-input")
+        raise InputError(
+            "the table has no rows, so that the frames of the video are unknown; give one with rows", id="empty-input"
+        )
     chosen = camera if camera is not None else min(found.ends)
     size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
     if size is None:

@@ -41,7 +41,10 @@ class LabelMap:
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
     def missed(self, sensor: str, frames: Ints, t_ns: Ints, target: Ints32) -> tuple[Ints, Ints32]:
-        """Times [ns] and targets of a camera's frames in which a target has no box between its first and last, sorted.
+        """Times (k,) [ns] and targets (k,) of a camera's frames in which a target has no box, sorted by time.
+
+        Only times between the first and last box of the target in the recording count: in any camera if identities are
+        global, else in this one.
 
         Args:
             sensor: name of the camera.

@@ -35,7 +35,7 @@ class FuseRequestBase(Request):
     OWNER: ClassVar[str] = "fuse"
 
     bearings: Path = source("Detections of targets, or candidates.", argument=True)
-    output: Path = output_file("Fused bearings, or tracks (Parquet).", "bearings")
+    output: Path = output_file("Fused bearings, or with --with fused tracks (Parquet).", "bearings")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class TrackFusionRequest(FuseRequestBase):
 
     RUN: ClassVar[str] = "occlog.measure.fuse.tracks.run:run_fuse_tracks"
 
-    output: Path = output_file("Fused bearings, or tracks (Parquet).", "tracks")
+    output: Path = output_file("Fused bearings, or with --with fused tracks (Parquet).", "tracks")
     others: tuple[Path, ...] = source(
         "Tracks of another group of cameras (Parquet); may be repeated.",
         required=True,

@@ -63,7 +63,8 @@ def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[Fu
 def _joined(held: T, more: T) -> T:
     if len(held) and len(more) and more.t_ns[0] < held.t_ns[-1]:
         raise InputError(
-            f"{held.NAME}: time {time_words(more.t_ns[0])} comes after {time_words(held.t_ns[-1])}; sort the "
+            f"{held.NAME}: time {time_words(more.t_ns[0])} is earlier than the preceding "
+            f"{time_words(held.t_ns[-1])}; sort the "
             "rows by t_ns",
             id="unsorted-times",
         )

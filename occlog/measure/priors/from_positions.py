@@ -166,7 +166,8 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
     if state.t_ns is not None:
         if m.t_ns < state.t_ns:
             raise InputError(
-                f"priors: time {time_words(m.t_ns)} comes after {time_words(state.t_ns)}; sort the rows by t_ns",
+                f"priors: time {time_words(m.t_ns)} is earlier than the preceding "
+                f"{time_words(state.t_ns)}; sort the rows by t_ns",
                 id="unsorted-times",
             )
         # Drop filters after a long silence: an occluder that comes back starts afresh

@@ -93,7 +93,8 @@ def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Do
             continue
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"doa: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort the rows by t_ns",
+                f"doa: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
+                f"{time_words(rest.t_ns[-1])}; sort the rows by t_ns",
                 id="unsorted-times",
             )
         table = chunk if rest is None else Doa.concat([rest, chunk])

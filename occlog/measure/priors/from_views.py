@@ -188,7 +188,8 @@ def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterat
                 )
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort by t_ns",
+                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
+                f"{time_words(rest.t_ns[-1])}; sort by t_ns",
                 id="unsorted-times",
             )
         table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]

@@ -162,11 +162,14 @@ class _Cell(NamedTuple):
 def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
     """Polygons of the visual hull at one time, in a deterministic order.
 
+    First those that no camera contradicts, i.e. can see without having foreground there. Then, for cones in none of
+    these, polygons that 1 to `misses` cameras contradict, few of them (greedy set cover).
+
     Args:
         views: cones of the cameras.
         room: (K, 2) corners of the region in which objects can be.
-        least: minimum number of cameras with foreground at a position.
-        misses: maximum number of cameras without foreground at a position that they can see.
+        least: minimum number of cameras with foreground at a position; at least 2 where a camera contradicts.
+        misses: maximum number of cameras that contradict a polygon.
         smallest: polygons of a smaller area are skipped [length^2].
     """
     # Hull of all cameras (N of N): positions that no camera contradicts

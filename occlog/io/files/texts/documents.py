@@ -164,7 +164,8 @@ def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
         )
     if _LONG_KEY.search(text):
         raise InputError(
-            f"{where}: a key of more than {MAX_KEY_PARTS} parts; {what} was expected", id="input-too-large"
+            f"{where}: a TOML key of more than {MAX_KEY_PARTS} parts (a.b.c has 3); {what} was expected",
+            id="input-too-large",
         )
     with guarded(where, what):
         try:

@@ -73,7 +73,8 @@ class FormatColumn:
     def values(self, rows: CsvRows, name: str) -> NDArray[Any]:
         """(n,) values of this column in `rows`, where it is called `name`; the default if the rows lack it.
 
-        InputError, with line and limit, for an invalid value.
+        Empty cells of numbers are the default too, where `blank` allows them. InputError, with line and limit, for an
+        invalid value.
         """
         if not rows.has(name):
             return np.full(len(rows), self.default)

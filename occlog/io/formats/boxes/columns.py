@@ -100,9 +100,9 @@ class BoxSource(NamedTuple):
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
-    """Image sizes (width, height) [px] by camera; cameras with several or invalid sizes are omitted.
+    """Image sizes (width, height) [px] by camera; cameras with several sizes are omitted.
 
-    `found` yields (camera, width, height) for each row of a file.
+    `found` yields (camera, width, height) for each row of a file; rows with an invalid size are skipped.
     """
     sizes: dict[str, set[tuple[int, int]]] = {}
     for camera, width, height in found:

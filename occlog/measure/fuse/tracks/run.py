@@ -49,9 +49,9 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     """Return the figures of the summary by name.
 
     people, rows: of the output. multi_group_share: share of rows of people that several groups track at that time,
-    missing without rows. possible_switches: number of such events. groups: for each input file its number of
-    people, and for each but the first the rows matched with groups before (matched_pairs) and the median distance
-    of the matched positions (median_separation [length]).
+    missing without rows. possible_switches: number of events of the kind `possible_switch` (two identities may have
+    been exchanged). groups: for each input file its number of people, and for each but the first the rows matched with
+    groups before (matched_pairs) and the median distance of the matched positions (median_separation [length]).
 
     Args:
         paths: file of each group.

@@ -71,7 +71,8 @@ def windows_of(
             first = int(chunk.t_ns[0])
         elif chunk.t_ns[0] < last:
             raise InputError(
-                f"reads: time {time_words(chunk.t_ns[0])} comes after {time_words(last)}; sort by t_ns",
+                f"reads: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
+                f"{time_words(last)}; sort by t_ns",
                 id="unsorted-times",
             )
         last = int(chunk.t_ns[-1])

@@ -203,7 +203,7 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
     """
     if last_ns is not None and chunk.t_ns[0] < last_ns:
         raise InputError(
-            f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after "
+            f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} is earlier than the preceding "
             f"{time_words(last_ns)}; sort by t_ns",
             id="unsorted-times",
         )

@@ -35,7 +35,10 @@ MAX_AHEAD = 8
 
 
 class CameraSurvey(NamedTuple):
-    """What the first frames of a camera show before tracking: image size, frame period and frame numbers."""
+    """What the first frames of a camera show before tracking: image size, frame period, and frame numbers.
+
+    These are the first number, the last that was read, and those wanted but missing.
+    """
 
     view: TrackedView
     period_ns: int  # median of the first frames; 0: there is one frame only
