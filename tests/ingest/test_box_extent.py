@@ -61,7 +61,7 @@ def test_boxes_that_end_at_another_size_are_reported_with_the_factor(true: tuple
     message = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"])
     assert message is not None
     factor = max(true[0] / 1920, 1920 / true[0])
-    assert f"end at {true[0]} x {true[1]} px, not at 1920 x 1080 (factor {factor:.4g})" in message
+    assert f"reach to {true[0]} x {true[1]} px, though images have 1920 x 1080 px (factor {factor:.4g})" in message
     assert f"{true[0]}x{true[1]}, which scales the calibration" in message
     known = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"], ("a", "b"))
     assert known is not None

@@ -194,7 +194,7 @@ def test_nearly_exact_bearings_are_right_or_stated_to_be_wrong(tmp_path, capsys)
 def test_a_crowd_offered_to_a_filter_of_one_target_is_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, people=6, labelled=False)
     found = report_of(capsys, files.track)
-    assert found.warnings["several-targets"].endswith("label the candidates, or give the start")
+    assert "several-targets" in found.warnings
     assert "several-targets" in report_of(capsys, files.evaluate).warnings
 
 

@@ -136,7 +136,7 @@ def test_the_command_reads_boxes_or_views(
     assert run([*asked, "--held-out", "east", "--json", "-q"]) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["held_out_boxes_share"] == pytest.approx(0.5)
     assert run([*asked, "--held-out", "east", "-q"]) == ExitCode.DONE
-    assert "boxes of held-out cameras" in capsys.readouterr().out
+    assert "boxes predicted" in capsys.readouterr().out
     assert run(asked) == ExitCode.USAGE
     made = Provenance("track", {"sensors": ["east", "west"]})
     write_table(Path("t.parquet"), tracks((10.0, 1.0)), made, overwrite=True)

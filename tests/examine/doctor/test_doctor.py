@@ -115,7 +115,7 @@ def kinds_of(path: Path) -> list[str]:
         (lambda t: t.take([0, 2, 1, *range(3, 40)]), "order", "row 2", "Z after"),
         (lambda t: put("bearing", 2, 0.5)(t.take([0, 1, 1, *range(2, 40)])), "duplicate-key", "", "target_id 0"),
         (lambda t: t.take([*range(10), *range(20, 40)]), "gap", "sensor cam1: after", "for 1.1 s"),
-        (lambda t: t.drop(["sigma"]), "unreadable", "", "column sigma is missing"),
+        (lambda t: t.drop(["sigma"]), "unreadable", "", "column sigma of bearings is missing"),
         (entry(b"occlog.provenance", b"[1]"), "unreadable", "", "provenance"),
         (entry(b"occlog.schema", b"nothing/1"), "unreadable", "", "nothing"),
     ],

@@ -82,7 +82,7 @@ def test_times_in_milliseconds_that_are_taken_for_seconds_are_doubted(tmp_path: 
     table = text(tmp_path / "t.csv", "time,station,id,bearing_deg,sigma_deg", *rows)
     args = ["track", str(table), "--scene", str(scene), "--method", "ekf", "-o", str(tmp_path / "o.parquet")]
     assert run(args) == ExitCode.DONE
-    assert "--input-units ms" in capsys.readouterr().err
+    assert "--input-units t=ms" in capsys.readouterr().err
     assert run([*args, "--overwrite", "--input-units", "ms"]) == ExitCode.DONE
     assert "--input-units" not in capsys.readouterr().err
 

@@ -84,10 +84,10 @@ def changed(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
     ("change", "words"),
     [
         (lambda t: changed(t, "x", pa.array([None, 1.0, 2.0, 3.0, 4.0, 5.0])), "column x: 1 missing values"),
-        (lambda t: changed(t, "recording", pa.array(["b"] * 6)), "column recording would be there twice"),
+        (lambda t: changed(t, "recording", pa.array(["b"] * 6)), "column recording would occur twice"),
         (lambda t: t.append_column("t_ns", t["t_ns"]), "column t_ns is there twice"),
-        (lambda t: t.append_column("more", t["x"]).append_column("more", t["x"]), "column more would be there twice"),
-        (lambda t: t.drop_columns(["cov_xx"]), "column cov_xx is missing"),
+        (lambda t: t.append_column("more", t["x"]).append_column("more", t["x"]), "column more would occur twice"),
+        (lambda t: t.drop_columns(["cov_xx"]), "column cov_xx of tracks is missing"),
         (lambda t: t.replace_schema_metadata({**t.schema.metadata, b"occlog.schema": b"tracks/9"}), "is newer than"),
     ],
 )

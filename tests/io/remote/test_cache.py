@@ -80,7 +80,7 @@ def test_linked_videos_come_along_and_links_that_leave_the_folder_do_not(store: 
         assert {each.name for each in path.parent.iterdir()} == {"hall.mcap", "a.avi"}
     store.pipe_file("/in/a.avi", b"fra")  # type: ignore[attr-defined]
     cache = Cache(tmp_path / "other", 10**6)
-    with pytest.raises(InputError, match=r"memory://in/a.avi: is not the video that hall.mcap links to"):
+    with pytest.raises(InputError, match=r"memory://in/a.avi: its SHA-256 is not that of the video that hall"):
         cache.holding("memory://in/hall.mcap").__enter__()
     # It did not stay in the cache, from which the wrong one was taken ever after
     store.pipe_file("/in/a.avi", b"frames")  # type: ignore[attr-defined]
@@ -102,7 +102,7 @@ def test_a_full_disk_is_no_fault_of_the_store(store: object, tmp_path: Path, mon
 
     store.pipe_file("/in/a.mcap", LARGE)  # type: ignore[attr-defined]
     monkeypatch.setattr(type(store), "get_file", full)
-    with pytest.raises(OutputError, match=r"cannot keep memory://in/a.mcap: No space left on device"):
+    with pytest.raises(OutputError, match=r"cannot store the download of memory://in/a.mcap: No space left on device"):
         Cache(tmp_path, 10**6).holding("memory://in/a.mcap").__enter__()
 
 

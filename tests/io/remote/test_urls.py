@@ -19,7 +19,7 @@ def test_names_of_files_are_no_urls() -> None:
     "url", ["ftp://h/x.mcap", "file:///etc/x.mcap", "simplecache::s3://b/x.mcap", "zip://a::s3://b"]
 )
 def test_other_kinds_are_refused(url: str) -> None:
-    with pytest.raises(UsageError, match="is not taken; give a file, or one of s3, gs, https"):
+    with pytest.raises(UsageError, match="are not read; give a file, or a URL of s3, gs, https"):
         kind_of(url)
 
 

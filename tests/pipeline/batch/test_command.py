@@ -280,7 +280,7 @@ def test_a_run_at_a_url_loses_what_its_configuration_no_longer_makes(simulated: 
     ("places", "words"),
     [
         (("memory://in/a.mcap", "-o", "out", "--workers", "2"), "is in the memory of this process"),
-        (("ftp://h/a.mcap", "-o", "out"), "ftp: is not taken"),
+        (("ftp://h/a.mcap", "-o", "out"), "URLs of ftp are not read"),
         (("hall.mcap", "-o", "out", "--tables", "traks"), "--tables: no table 'traks'; did you mean 'tracks'?"),
         (("hall.mcap", "-o", "out", "--tables", "runs"), "--tables: no table 'runs'"),
         (
@@ -359,7 +359,7 @@ def test_two_commands_do_not_work_in_one_folder(
         do(simulated, tmp_path / "out", code=ExitCode.USAGE)
     finally:
         os.close(descriptor)
-    assert "another `occlog batch` works with it" in json.loads(capsys.readouterr().err)["error"]
+    assert "is in use by another `occlog batch`" in json.loads(capsys.readouterr().err)["error"]
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ def test_two_commands_do_not_work_in_one_folder(tmp_path):
     with alone_with(tmp_path / "out", "sweep"):
         refused = sweep(tmp_path, "--overwrite", text=TEXT.replace("steps: 8", "steps: 9"))
     assert isinstance(refused.exception, UsageError)
-    assert "another `occlog sweep` works with it" in str(refused.exception)
+    assert "is in use by another `occlog sweep`" in str(refused.exception)
     assert (tmp_path / "out" / "trials.jsonl").read_bytes() == store
 
 

@@ -199,7 +199,7 @@ def test_two_sweeps_do_not_write_into_one_store(tmp_path: Path) -> None:
     first, second = Store(tmp_path / "trials.jsonl"), Store(tmp_path / "trials.jsonl")
     with first:
         first.add("a", {"rmse": 1.0})
-        with pytest.raises(UsageError, match="another `occlog sweep` works with it"), second:
+        with pytest.raises(UsageError, match="is in use by another `occlog sweep`"), second:
             pass
     with second:  # what the other has added since it was opened stays
         second.add("b", {"rmse": 2.0})

@@ -213,7 +213,7 @@ def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixtu
             ["--refine", "left", "--refine-method", "parallel", "--refine-bearings", str(sights)],
             "parallel requires two cameras",
         ),
-        (["--refine-bearings", str(sights)], "name the cameras"),
+        (["--refine-bearings", str(sights)], "name them with --set refine="),
     ):
         assert run([*base, *more]) == ExitCode.USAGE
         assert says in capsys.readouterr().err
@@ -243,7 +243,7 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
         (
             ["--method", "virtual", "--set", "reader_range=4", "--set", "min_rssi_dbm=20"],
             ExitCode.BAD_INPUT,
-            "threshold; lower",
+            "no read reaches the threshold",
         ),
         (
             ["--method", "rssi", "--set", "false_alarm_probability=0.96"],

@@ -148,7 +148,7 @@ def test_a_recording_with_truth(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "says"),
     [
-        (("short.parquet",), ExitCode.BAD_INPUT, "6 positions are too few for 3 parameters; want at least 10"),
+        (("short.parquet",), ExitCode.BAD_INPUT, "6 positions are too few for 3 parameters"),
         (("short.parquet", "--method", "differences"), ExitCode.BAD_INPUT, "3 transitions are too few"),
         (("truth.parquet", "feet.parquet"), ExitCode.BAD_INPUT, "lengths are in ft, but in m"),
         (("truth.parquet", "--target", "9"), ExitCode.BAD_INPUT, "no positions of target 9"),
