@@ -306,8 +306,8 @@ def test_a_camera_with_another_clock_is_named_with_its_delay(late: int) -> None:
         if 0 <= k - late < len(boxes) and boxes[k - late] is not None:
             each[0] = boxes[k - late]
     words = errors(faults)[("a",)]
-    assert words.startswith("the times of a are ")
-    assert words.endswith("too large" if late > 0 else "too small")
+    assert words.startswith("the clock of a is ")
+    assert words.endswith("ahead" if late > 0 else "behind")
     assert abs(float(words.split()[5]) - 0.1 * abs(late)) < 0.01
 
 

@@ -367,7 +367,7 @@ class _Search:
             side = "above" if value > 0.0 else "below"
             return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"
         if error.kind == LATE:
-            return f"the times of {name} are {abs(value):.2g} s too {'large' if value > 0.0 else 'small'}"
+            return f"the clock of {name} is {abs(value):.2g} s {'ahead' if value > 0.0 else 'behind'}"
         begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
         when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
         return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
@@ -538,11 +538,11 @@ class _Search:
         step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
         own, last = self.views[c], len(self.t_ns) - 1
         for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
-            for sign, words in ((-1, "large"), (1, "small")):
+            for sign, words in ((-1, "ahead"), (1, "behind")):
                 steps = own.steps + sign * k
                 there = (steps >= 0) & (steps <= last)
                 moved = BoxesOfCamera(own.camera, own.boxes[there], steps[there])
-                yield _Change(f"the times of {own.camera.name} are {k * step_s:.2g} s too {words}", {c: moved})
+                yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
 
     def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
         """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate, if large enough.
