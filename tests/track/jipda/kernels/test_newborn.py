@@ -78,6 +78,14 @@ def test_boxes_that_are_somebodys_propose_no_one() -> None:
     assert len(found(boxes(PLACES), free=0.1)[2]) == 0
 
 
+def test_one_box_alone_proposes_a_person() -> None:
+    mean, _, odds, used = found(boxes(PLACES[:1], cameras=(2,)), everywhere=1.0)
+    np.testing.assert_allclose(mean[:, :2], PLACES[:1], atol=0.1)
+    assert odds.shape == (1,)
+    np.testing.assert_array_equal(used, [[1.0]])
+    assert len(found(boxes(PLACES[:0]))[2]) == 0
+
+
 def test_cameras_that_see_no_one_there_speak_against_it() -> None:
     four = found(boxes(PLACES[:1]))[2].max()
     two = found(boxes(PLACES[:1], cameras=(0, 1)))[2].max()
