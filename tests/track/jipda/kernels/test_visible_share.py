@@ -193,6 +193,9 @@ def test_each_static_occluder_hides_with_its_own_corners_and_height() -> None:
     assert len({one.tobytes() for one in (*alone, cells)}) == 4
 
 
-def test_an_occluder_around_the_camera_hides_nothing() -> None:
-    around = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+@pytest.mark.parametrize("turn", range(4))
+def test_an_occluder_around_the_camera_hides_nothing_and_one_around_the_person_all(turn: int) -> None:
+    """With corners beside the camera and beside the person, at exactly their coordinates."""
+    around = np.roll([[1.0, 0.0], [0.0, 1.0], [-1.5, 0.0], [0.0, -2.0]], turn, axis=0)
     assert behind((4.0, 0.0), np.inf, around).min() == 1.0
+    np.testing.assert_array_equal(behind((4.0, 0.0), np.inf, around + np.array([4.0, 0.0]))[:, 2], 0.0)
