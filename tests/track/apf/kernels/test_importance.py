@@ -249,6 +249,21 @@ def test_a_false_bearing_is_not_believed(wrong, shift):
     assert near.log_factors[0] == pytest.approx(better.log_factors[0] + floor, abs=0.2)
 
 
+def test_a_value_of_a_camera_that_a_particle_is_behind_counts_as_false():
+    scene = room100(pillar=False, focal=600.0)
+    rows = noisy_rows(scene, np.random.default_rng(1))[:3]
+    _, packed, values = looks_of(scene, rows)
+    behind = values.copy()
+    behind[1, [importance.COS, importance.SIN]] *= -1.0
+    near = approximate(packed, behind, PLACE + 0.4, 0.25)
+    better = importance.adapt(
+        PLACE[None] + 0.4, np.full(1, 0.25), np.ones(1, dtype=np.bool_), np.arange(3), values[[0, 2]]
+    )
+    np.testing.assert_allclose(near.mode, better.mode, rtol=1e-12)
+    np.testing.assert_allclose(near.root, better.root, rtol=1e-12)
+    np.testing.assert_allclose(near.log_factors, better.log_factors + np.log(values[1, importance.CLUTTER]))
+
+
 def test_of_a_looks_candidates_the_one_that_fits_is_believed():
     scene = room100(pillar=False, focal=600.0, sigma_position=0.0, sigma_yaw=0.0)
     u = true_u(scene, PLACE)
