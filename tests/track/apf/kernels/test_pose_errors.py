@@ -28,15 +28,17 @@ SIGMA = np.array([1.0, 1.0, 0.01])
 
 
 def make(seed, scans=60, noise=0.01, sensors=5, sigma=SIGMA):
-    """True errors, true places (T, 2) and what the sensors report."""
-    rng = np.random.default_rng(seed)
+    """True errors, true places (T, 2) and what the sensors report, each with another noise."""
+    rng, sigmas = np.random.default_rng(seed), np.maximum(noise * np.linspace(0.5, 1.5, sensors), 1e-6)
     errors = sigma * rng.standard_normal((sensors, 3))
     path = rng.uniform(15.0, 85.0, (scans, 2))
     out = []
     for xy in path:
         away = xy - PLACES[:sensors] - errors[:, :2]
-        bearing = np.arctan2(away[:, 1], away[:, 0]) - errors[:, 2] + noise * rng.standard_normal(sensors)
-        out.append(LabelledBearings(np.arange(sensors), bearing, np.full(sensors, max(noise, 1e-6) ** 2)))
+        bearing = (
+            np.arctan2(away[:, 1], away[:, 0]) - errors[:, 2] + (noise > 0.0) * sigmas * rng.standard_normal(sensors)
+        )
+        out.append(LabelledBearings(np.arange(sensors), bearing, sigmas**2))
     return errors, path, out
 
 
