@@ -143,7 +143,7 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
         ("frame,left,top,right,bottom,score\n0,1,2,3,4,55\n", "line 2: confidence 55.*which divides it"),
         ("frame,left,top,right,bottom,id\n0,1,2,3,4,9999999999\n", "line 2: identity 9999999999"),
         ("frame,left,top,right,bottom\n0,1,2,3\n", "line 2: 4 cells, but the first line has 5"),
-        ("frame,left,top,right,botom\n0,1,2,3,4\n", "unknown column 'botom'; did you mean 'bottom'"),
+        ("frame,left,top,right,botom\n0,1,2,3,4\n", "unknown column 'botom'.* did you mean 'bottom'"),
         ("frame,left,top,right\n0,1,2,3\n", "has no column right and bottom"),
         ("frame,left,left,right,bottom\n0,1,2,3,4\n", "two columns are called 'left'"),
         ("left,top,right,bottom\n1,2,3,4\n", "has no column frame"),

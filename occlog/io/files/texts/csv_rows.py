@@ -6,7 +6,6 @@ Errors name the line, the value and the remedy.
 from __future__ import annotations
 
 import csv
-import difflib
 import gzip
 import io
 import math
@@ -24,7 +23,7 @@ from typing import TextIO
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
-from occlog.errors import InputError, option
+from occlog.errors import InputError, did_you_mean, option
 from occlog.io.files.limits import UTF16_MARKS, check_input
 from occlog.io.files.texts.by_reader import text_of
 
@@ -523,12 +522,11 @@ def _resolve(
     for cell in header:
         name = meaning.get(cell.lower()) or meaning.get(name_with_unit(cell.lower()))
         if name is None and cell.lower() not in ignored and not ignore_extra:
-            near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
-            known = ", ".join(aliases[0] for aliases in columns.values())
-            hint = f"did you mean {near[0]!r}? " if near else ""
+            known = dict.fromkeys([*(aliases[0] for aliases in columns.values()), *meaning])
+            hint = did_you_mean(cell.lower(), known, "known:")
             skip = "" if ignore_extra is None else f", or skip unknown columns ({option('ignore_extra_columns')})"
             raise InputError(
-                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; rename or remove it{skip}",
+                f"{path}: line {line}: unknown column {cell!r}: rename or remove it{skip}; {hint}",
                 id="unknown-column",
             )
         if name is not None and name in names:

@@ -18,7 +18,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from occlog.errors import InputError, nearest, option
+from occlog.errors import InputError, did_you_mean, option
 from occlog.io.files.limits import (
     FAILURES,
     Content,
@@ -393,8 +393,7 @@ def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) ->
 def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) -> str:
     line = lines.get(f"{location}.{key}")
     valid = _valid_keys(kind, location)
-    near = nearest(key, valid, cutoff=0.5)
-    hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"valid keys: {', '.join(valid)}"
+    hint = did_you_mean(key, valid, "valid keys:")
     shown = location.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""
     return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"

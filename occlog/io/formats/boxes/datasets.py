@@ -462,18 +462,19 @@ def _check_order(folder: Path, lines: list[Line]) -> None:
 def _share_inside(order: Sequence[str], values: Floats) -> float:
     """Share, 0 to 1, of n boxes that are inside the image if the columns of `values` (n, K) mean `order`.
 
-    Coordinates are in shares of the image size.
+    Coordinates are in shares of the image size, and not checked yet: infinity and NaN are outside.
     """
     column = dict(zip(order, values.T, strict=False))
-    if "x" in column:
-        column["left"] = column["x"] - 0.5 * column["width"]
-        column["top"] = column["y"] - 0.5 * column["height"]
-    near = np.array([column["left"], column["top"]])
-    far = np.array(
-        [column["right"], column["bottom"]]
-        if "right" in column
-        else near + np.array([column["width"], column["height"]])
-    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        if "x" in column:
+            column["left"] = column["x"] - 0.5 * column["width"]
+            column["top"] = column["y"] - 0.5 * column["height"]
+        near = np.array([column["left"], column["top"]])
+        far = np.array(
+            [column["right"], column["bottom"]]
+            if "right" in column
+            else near + np.array([column["width"], column["height"]])
+        )
     return float(((near > -BEYOND) & (far < 1.0 + BEYOND) & (far > near)).all(axis=0).mean())
 
 

@@ -354,7 +354,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
     """Raise UsageError if one of `names`, which the path-loss file states, is among the settings `given`, too."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(
-            f"the file of path losses and the setting {twice} state the same quantity; give one of them",
+            f"{option('path_loss')} and {option(f'set.{twice}')} state the same quantity; give one of them",
             id="conflicting-options",
         )
 
