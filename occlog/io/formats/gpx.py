@@ -103,8 +103,6 @@ def _rows(path: Path, points: list[tuple[int, str, float, float, float]], last: 
     xyz = positions_on_earth(degrees, np.array(heights) if has_heights() else None, where)
     if np.isfinite(heights).any():
         note_unused_heights(str(path))
-    if np.isfinite(heights).any():
-        note_unused_heights(str(path))
     cells = {"time": np.array(times), "target_id": np.array([str(track) for track in tracks])}
     for axis, values in zip(gpx_columns()[2:], xyz.T, strict=False):
         cells[axis] = np.array([repr(value) for value in values.tolist()])

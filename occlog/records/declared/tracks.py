@@ -72,7 +72,8 @@ class FusedTracks(Tracks):
     seen_by: Strings = column("views that made the position, separated by commas", optional=True)
     quality_flags: Strings = column(
         f"{UNRELIABLE} `single_view` (one view alone made it), `inconsistent_views` (a view is more likely on "
-        "something else than not, or was omitted), `possible_switch` (the target is likely to have taken another one's identity)",
+        "something else than not, or was omitted), `possible_switch` (the target is likely to have taken "
+        "another one's identity)",
         optional=True,
     )
 
