@@ -1,10 +1,10 @@
 """Options of the command line made from declared settings, and commands with options that depend on a choice.
 
-A setting declared with `option=` becomes an option with its type, range, default and help; every setting can be given
-by `--set NAME=VALUE`. A `VariantCommand` has shared options and those of the chosen variant: `occlog track --method
-map` takes the options of `map` only. Settings of plug-ins are options with the plug-in's name as prefix: an exporter
-`gpx` with the setting `creator` has the option `--gpx-creator`. Installed plug-ins are searched for names that are not
-built in, and by --help.
+A setting that declares an option (`option_setting`, or `setting` with `option=`) has one with its type, range, default
+and help; every setting can be given by `--set NAME=VALUE`. A `VariantCommand` has shared options and those of the
+chosen variant: `occlog track --method map` takes the options of `map` only. Settings of plug-ins are options with the
+plug-in's name as prefix: an exporter `gpx` with the setting `creator` has the option `--gpx-creator`. Installed
+plug-ins are searched for names that are not built in, and by --help.
 """
 
 from __future__ import annotations

@@ -90,18 +90,23 @@ class Column:
         return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.dtype.kind == "i" else (0, (1 << bits) - 1)
 
 
-def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Dataclass field that declares a table column; an `optional` one without values is NaN, "" or, for integers, -1.
+KINDS = {"Floats": "f8", "Floats32": "f4", "Ints": "i8", "Ints32": "i4", "Bools": "?", "Strings": "U"}
+"""NumPy kind of a column by the name of the array type it is declared with."""
+
+
+def column(doc: str, unit: str = "1", *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
+    """Dataclass field that declares a table column; its array type (`Floats`, `Strings`, ...) gives the NumPy kind.
+
+    An `optional` column without values is NaN, "" or, for integers, -1.
 
     Args:
-        kind: NumPy type, as `f8`, `i4`, `U` (text).
-        unit: for example `px`, `rad`, `m`; `1`: none.
         doc: meaning of the values, without a capital.
+        unit: for example `px`, `rad`, `m`; `1`: none.
         nan: meaning of NaN; None: NaN is not allowed.
         width: numbers in each row; 0: one, `ANY_WIDTH`: as many as the file has.
         optional: files may lack it.
     """
-    metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
+    metadata = {"unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
@@ -127,13 +132,27 @@ class ColumnTable:
             if c.optional and getattr(self, c.name) is None:
                 object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for all other code
         check_columns(self)
+        check_order(self)
         self.check()
 
     def check(self) -> None:
         """Raise InputError if values contradict each other; does nothing here, tables override it.
 
-        Called by the constructor after types, shapes, ranges and NaN of all columns have been checked.
+        Called by the constructor after types, shapes, ranges and NaN of all columns and the order of times have been
+        checked.
         """
+
+    def refuse(self, wrong: Bools, fault: str) -> None:
+        """Raise InputError if a row is wrong: with the table's name, the index of the first such row, and the fault.
+
+        Args:
+            wrong: (n,) mask of the rows at fault.
+            fault: text in which `{NAME}`, or `{NAME:g}`, is the row's value in the column NAME.
+        """
+        if wrong.any():
+            row = first_row(wrong)
+            values = {c.name: getattr(self, c.name)[row].tolist() for c in self.columns()}
+            raise InputError(f"{type(self).__name__}: row {row}: {fault.format(**values)}")
 
     def __len__(self) -> int:
         return len(getattr(self, "t_ns"))  # noqa: B009
@@ -142,7 +161,7 @@ class ColumnTable:
     @functools.cache
     def columns(cls) -> tuple[Column, ...]:
         """The declared columns, in file order."""
-        return tuple(Column(f.name, **f.metadata) for f in fields(cls))  # type: ignore[arg-type]
+        return tuple(Column(f.name, KINDS[str(f.type)], **f.metadata) for f in fields(cls))  # type: ignore[arg-type]
 
     @classmethod
     def empty(cls) -> Self:

@@ -19,7 +19,7 @@ from occlog.cli.setting_options import (
     value_after,
     with_options,
 )
-from occlog.settings import Settings, configure, setting
+from occlog.settings import Settings, configure, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Lamp(Settings):
 class Siren(Settings):
     OWNER: ClassVar[str] = "siren"
 
-    noise: float = setting(2.0, "Of the siren.", at_least=0, option="--noise")
-    tones: tuple[float, ...] | None = setting(None, "Heights.", counts=(2,), option="--tones", nothing="one tone")
+    noise: float = option_setting(2.0, "Of the siren.", at_least=0)
+    tones: tuple[float, ...] | None = option_setting(None, "Heights.", counts=(2,), nothing="one tone")
 
 
 @click.command(cls=SettingsCommand)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import gzip
+import io
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TypeVar, cast
+from typing import IO, Any, TypeVar, cast
 
 import numpy as np
 
@@ -45,14 +46,14 @@ from .trajectories import (
 )
 
 
-class Sink:
+class Sink(io.RawIOBase):
     """Write-only view of a file for exporter plug-ins: they can neither close, seek nor read it."""
 
     def __init__(self, file: IO[bytes]) -> None:
         """Wrap an open binary file, which its owner closes."""
         self._file = file
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: Any) -> int:
         """Write bytes to the file and return their number; TypeError for anything but bytes."""
         if not isinstance(data, bytes | bytearray | memoryview):
             raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
@@ -61,22 +62,6 @@ class Sink:
     def writable(self) -> bool:
         """Return True, as wrappers such as `io.TextIOWrapper` require."""
         return True
-
-    def readable(self) -> bool:
-        """Return False: the file cannot be read."""
-        return False
-
-    def seekable(self) -> bool:
-        """Return False: the position in the file cannot be changed."""
-        return False
-
-    @property
-    def closed(self) -> bool:
-        """False, as wrappers such as `io.TextIOWrapper` require; the owner closes the file."""
-        return False
-
-    def flush(self) -> None:
-        """Do nothing: the owner flushes the file."""
 
     def close(self) -> None:
         """Do nothing: the owner closes the file."""

@@ -26,16 +26,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.limits import check_input, guarded, naming
+from occlog.io.files.limits import check_input, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
-from occlog.io.files.texts.documents import number, required
+from occlog.io.files.texts.documents import number, required, xml_events
 from occlog.io.files.texts.formats import (
     IDENTITY,
     LENGTH,
@@ -235,7 +234,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
     """
     last = -1
     found = False
-    for element in _elements(path):
+    for _, element in xml_events(path, "ground truth (XML)"):
         if element.tag != "frame":
             continue
         frame = _whole(element, "number", str(path)) - first_number
@@ -254,24 +253,6 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         element.clear()
     if not found:
         raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected", id="empty-input")
-
-
-def _elements(path: Path) -> Iterator[Element]:
-    """Yield every element of an XML file when it is complete; InputError if the text is not XML."""
-    with check_input(path, "ground truth (XML)").open("rb") as file:
-        ends = iter(ElementTree.iterparse(file))
-        while True:
-            with guarded(path, "ground truth (XML)"):
-                try:
-                    end = next(ends, None)
-                except ElementTree.ParseError as error:
-                    raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
-                        id="invalid-syntax",
-                    ) from None
-            if end is None:
-                return
-            yield end[1]
 
 
 def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:

@@ -25,11 +25,11 @@ from occlog.io.files.limits import (
     RECORDING_MAGIC,
     ROS1_MAGIC,
     SQLITE_MAGIC,
+    bounded_text,
     check_input,
     describe_unsupported,
     is_zstd,
     max_decompressed_bytes,
-    read_configuration,
 )
 from occlog.io.files.names import natural_key
 from occlog.io.files.texts.yaml import yaml_documents
@@ -371,7 +371,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 def _information(path: Path) -> dict[str, object]:
     """Mapping `rosbag2_bagfile_information` of a bag's metadata file (YAML); InputError if there is none."""
-    documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
+    documents = yaml_documents(bounded_text(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(found, dict):

@@ -191,22 +191,13 @@ def _bytes(data: Any) -> bytes:
     return data.tobytes() if isinstance(data, np.ndarray) else bytes(data)
 
 
-def _compressed(message: Any) -> ImageMessage:
-    return ImageMessage(_header(message), _bytes(message.data), str(message.format))
+def _compressed(message: Any, header: MessageStamp) -> ImageMessage:
+    return ImageMessage(header, _bytes(message.data), str(message.format))
 
 
-def _foxglove_compressed(message: Any) -> ImageMessage:
-    return ImageMessage(_own_header(message), _bytes(message.data), str(message.format))
-
-
-def _raw(message: Any) -> ImageMessage:
+def _raw(message: Any, header: MessageStamp) -> ImageMessage:
     size = (int(message.width), int(message.height))
-    return ImageMessage(_header(message), _bytes(message.data), str(message.encoding), size, int(message.step))
-
-
-def _foxglove_raw(message: Any) -> ImageMessage:
-    size = (int(message.width), int(message.height))
-    return ImageMessage(_own_header(message), _bytes(message.data), str(message.encoding), size, int(message.step))
+    return ImageMessage(header, _bytes(message.data), str(message.encoding), size, int(message.step))
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Floats:
@@ -220,32 +211,31 @@ def _matrix_field(message: Any, name: str) -> Any:
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
-def _info(message: Any) -> InfoMessage:
-    roi = message.roi
+def _info(
+    message: Any,
+    header: MessageStamp,
+    binning: tuple[int, int] = (0, 0),
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0),
+) -> InfoMessage:
+    """Calibration in a message; those of Foxglove have no `binning` and no `roi` (x, y, width, height [px])."""
     return InfoMessage(
-        header=_header(message),
+        header=header,
         size=(int(message.width), int(message.height)),
         model=str(message.distortion_model),
         distortion=np.asarray(list(_matrix_field(message, "d")), dtype=np.float64),
         k=_matrix(_matrix_field(message, "k"), 3, 3),
         r=_matrix(_matrix_field(message, "r"), 3, 3),
         p=_matrix(_matrix_field(message, "p"), 3, 4),
-        binning=(int(message.binning_x), int(message.binning_y)),
-        roi=(int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
+        binning=binning,
+        roi=roi,
     )
 
 
-def _foxglove_info(message: Any) -> InfoMessage:
-    return InfoMessage(
-        header=_own_header(message),
-        size=(int(message.width), int(message.height)),
-        model=str(message.distortion_model),
-        distortion=np.asarray(list(message.D), dtype=np.float64),
-        k=_matrix(message.K, 3, 3),
-        r=_matrix(message.R, 3, 3),
-        p=_matrix(message.P, 3, 4),
-        binning=(0, 0),
-        roi=(0, 0, 0, 0),
+def _ros_info(message: Any) -> InfoMessage:
+    roi = message.roi
+    binning = int(message.binning_x), int(message.binning_y)
+    return _info(
+        message, _header(message), binning, (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height))
     )
 
 
@@ -276,6 +266,10 @@ def _foxglove_transforms(message: Any) -> Iterator[TransformMessage]:
 
 def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
     return PoseMessage(header, np.array([_vector(position) for position in positions]).reshape(-1, 3))
+
+
+def _posed(message: Any) -> PoseMessage:
+    return _positions(_header(message), [message.pose.pose.position])
 
 
 def _fix(message: Any) -> PoseMessage:
@@ -323,25 +317,22 @@ def _odas(message: Any) -> DirectionMessage:
 
 
 _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
-    "sensor_msgs.Image": (TopicKind.IMAGE, _raw),
-    "sensor_msgs.CompressedImage": (TopicKind.IMAGE, _compressed),
-    "foxglove.RawImage": (TopicKind.IMAGE, _foxglove_raw),
-    "foxglove.CompressedImage": (TopicKind.IMAGE, _foxglove_compressed),
-    "foxglove.CompressedVideo": (TopicKind.IMAGE, _foxglove_compressed),
-    "sensor_msgs.CameraInfo": (TopicKind.INFO, _info),
-    "foxglove.CameraCalibration": (TopicKind.INFO, _foxglove_info),
+    "sensor_msgs.Image": (TopicKind.IMAGE, lambda m: _raw(m, _header(m))),
+    "sensor_msgs.CompressedImage": (TopicKind.IMAGE, lambda m: _compressed(m, _header(m))),
+    "foxglove.RawImage": (TopicKind.IMAGE, lambda m: _raw(m, _own_header(m))),
+    "foxglove.CompressedImage": (TopicKind.IMAGE, lambda m: _compressed(m, _own_header(m))),
+    "foxglove.CompressedVideo": (TopicKind.IMAGE, lambda m: _compressed(m, _own_header(m))),
+    "sensor_msgs.CameraInfo": (TopicKind.INFO, _ros_info),
+    "foxglove.CameraCalibration": (TopicKind.INFO, lambda m: _info(m, _own_header(m))),
     "tf2_msgs.TFMessage": (TopicKind.TRANSFORM, _tf),
     "tf.tfMessage": (TopicKind.TRANSFORM, _tf),
     "foxglove.FrameTransform": (TopicKind.TRANSFORM, _foxglove_transform),
     "foxglove.FrameTransforms": (TopicKind.TRANSFORM, _foxglove_transforms),
     "geometry_msgs.PointStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.point])),
     "geometry_msgs.PoseStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.position])),
-    "geometry_msgs.PoseWithCovarianceStamped": (
-        TopicKind.POSE,
-        lambda m: _positions(_header(m), [m.pose.pose.position]),
-    ),
+    "geometry_msgs.PoseWithCovarianceStamped": (TopicKind.POSE, _posed),
     "geometry_msgs.PoseArray": (TopicKind.POSE, lambda m: _positions(_header(m), [p.position for p in m.poses])),
-    "nav_msgs.Odometry": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
+    "nav_msgs.Odometry": (TopicKind.POSE, _posed),
     "foxglove.PoseInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
     "foxglove.PosesInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
     "sensor_msgs.NavSatFix": (TopicKind.POSE, _fix),

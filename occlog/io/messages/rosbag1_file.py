@@ -23,9 +23,8 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.limits import ROS1_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, DecompressionCount
-from occlog.records.losses import Loss
 
-from .mcap_file import BagMessage, BagTopic
+from .mcap_file import BagTopic, IndexedFile
 
 ENCODING, LANGUAGE = "ros1", "ros1msg"
 """Names that MCAP gives messages and definitions of ROS 1, too."""
@@ -65,7 +64,7 @@ class _Record(NamedTuple):
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
-class Rosbag1File:
+class Rosbag1File(IndexedFile):
     """Reader of a ROS 1 bag, also a damaged one.
 
     Attributes:
@@ -79,12 +78,9 @@ class Rosbag1File:
 
         InputError for another version than 2.0, and for an encrypted bag.
         """
-        self.path, self.name = path, name
-        self.losses: dict[Loss, None] = {}
+        super().__init__(path, name)
         self._topics: dict[int, BagTopic] = {}
         self._sums: dict[str, tuple[str, str]] = {}  # type and check sum of the definition of each topic
-        self._counts: dict[int, int] | None = None
-        self._span: tuple[int, int] | None = None
         self._chunks: dict[int, set[int]] = {}  # first byte of each chunk, and the connections in it
         self._size = path.stat().st_size
         with path.open("rb") as file:
@@ -104,43 +100,11 @@ class Rosbag1File:
                 reason = " ".join(str(error).split())[:100] or "it ends early"
                 self._lose("index", f"{reason}; read without its index")
 
-    def topics(self) -> list[BagTopic]:
-        """Topics of the file, one for each connection, with their numbers of messages.
+    def _defined(self) -> dict[int, BagTopic]:
+        return self._topics
 
-        Without an index the file is read.
-        """
-        if self._counts is None:
-            counts = Counter[int]()
-            for connection, log_ns, _ in self._walk(None):
-                counts[connection] += 1
-                low, high = self._span or (log_ns, log_ns)
-                self._span = (min(low, log_ns), max(high, log_ns))
-            self._counts = dict(counts)
-        return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._topics.items()]
-
-    def span(self) -> tuple[int, int] | None:
-        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
-        self.topics()
-        return self._span
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Yield the messages of the given topics in file order.
-
-        A topic that is removed from the collection meanwhile is skipped from the next chunk on.
-        """
-        found = Counter[int]()
-        for connection, log_ns, data in self._walk(topics):
-            found[connection] += 1
-            yield BagMessage(self._topics[connection].name, log_ns, data)
-        if self.losses:  # damage is reported already
-            return
-        for number, topic in self._topics.items():
-            missing = (self._counts or {}).get(number, 0) - found[number]
-            if topic.name in topics and missing > 0:
-                self._lose(topic.name, "messages that its index counts were not found; the index is wrong", missing)
-
-    def _lose(self, location: str, what: str, count: int = 0) -> None:
-        self.losses[Loss(self.name, location, what, count)] = None
+    def _topic_of(self, channel: int) -> str:
+        return self._topics[channel].name
 
     def _read_index(self, file: IO[bytes]) -> None:
         """Read connections, chunk positions and message counts from the index at the end of the file.
@@ -195,10 +159,6 @@ class Rosbag1File:
         return record
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """Yield (connection, recording time [ns], data) of the messages of the given topics; None: of all.
-
-        Damage is added to `losses`.
-        """
         growth, at = DecompressionCount(self.path), len(VERSION)
         with self.path.open("rb") as file:
             while at < self._size:

@@ -40,7 +40,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.limits import check_input
+from occlog.io.files.limits import bounded_text, check_input
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
 from occlog.io.files.programs import refuse_unread
 from occlog.io.files.texts.csv_rows import CsvRows, text_lines
@@ -488,18 +488,7 @@ def _read(file: Path, frame: int) -> list[Line]:
     """
     if file.is_file() and file.stat().st_size == 0:
         return []
-    check_input(file, "labels of a frame")
-    if file.stat().st_size > MAX_LABEL_BYTES:
-        raise InputError(
-            f"{file}: {file.stat().st_size} bytes; labels of a frame were expected, at most {MAX_LABEL_BYTES}",
-            id="input-too-large",
-        )
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{file}: byte {error.start}: not UTF-8 text; labels of a frame were expected", id="wrong-encoding"
-        ) from None
+    text = bounded_text(file, "a text of labels", limit=MAX_LABEL_BYTES, encoding="utf-8-sig")
     out: list[Line] = []
     seen: set[str] = set()
     for number, line in enumerate(text.splitlines(), start=1):

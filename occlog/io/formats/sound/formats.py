@@ -221,6 +221,13 @@ _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
+def _array_of(path: Path, options: DoaOptions) -> str:
+    """Name of the array of a log that names none, as the options state it; UsageError if they do not."""
+    if options.sensor is None:
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    return options.sensor
+
+
 def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Yield the estimates of one algorithm in FRIDA's file; recording k (from 0) gets the time k seconds.
 
@@ -235,8 +242,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     Raises:
         UsageError: the array or the algorithm is not stated, or does not exist.
     """
-    if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    sensor = _array_of(path, options)
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
     for part in read_format(path, FRIDA):
@@ -252,7 +258,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
             continue
         t_ns = options.start_ns + number[kept].astype(np.int64) * NS
         azimuth = np.radians(part["estimate"][kept])
-        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
+        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), sensor), azimuth)
     if options.algorithm is not None and options.algorithm not in algorithms:
         raise UsageError(
             f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}", id="unknown-name"
@@ -421,8 +427,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         UsageError: the hop or the array is not stated.
         InputError: an object is not what ODAS writes; with the line.
     """
-    if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    sensor = _array_of(path, options)
     if options.hop is None:
         raise UsageError(
             f"{path}: its timeStamp counts hops; state the hop [s] ({option('odas_hop')}), "
@@ -445,10 +450,10 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         idle, above = idle + len(sources) - len(heard), above + len(heard) - len(level)
         rows += [(hop.line, t_ns, *source) for source in level]
         if len(rows) >= ROWS_PER_CHUNK:
-            yield _odas_rows(rows, options.sensor)
+            yield _odas_rows(rows, sensor)
             rows = []
     if rows:
-        yield _odas_rows(rows, options.sensor)
+        yield _odas_rows(rows, sensor)
     if idle:
         note_once(
             f"note: {path}: {idle} directions without activity left out: ODAS predicted them without hearing a source"
@@ -588,16 +593,7 @@ def _number(path: Path, hop: _OdasObject, source: dict[str, object], key: str) -
 
 
 def _odas_rows(rows: list[tuple[int, int, int, float, float, float]], sensor: str) -> DoaRows:
-    line, t_ns, identity, azimuth, elevation, confidence = zip(*rows, strict=True)
-    unknown = np.full(len(rows), np.nan)
-    return DoaRows(
-        line=np.array(line, dtype=np.int64),
-        t_ns=np.array(t_ns, dtype=np.int64),
-        sensor=np.full(len(rows), sensor),
-        source_id=np.array(identity, dtype=np.int64),
-        azimuth=np.array(azimuth, dtype=np.float64),
-        elevation=np.array(elevation, dtype=np.float64),
-        sigma_azimuth=unknown,
-        sigma_elevation=unknown,
-        confidence=np.array(confidence, dtype=np.float64),
-    )
+    line, t_ns, identity = np.array([row[:3] for row in rows], dtype=np.int64).T
+    azimuth, elevation, confidence = np.array([row[3:] for row in rows], dtype=np.float64).T
+    found = azimuths_only(line, t_ns, np.full(len(rows), sensor), azimuth)
+    return found._replace(source_id=identity, elevation=elevation, confidence=confidence)

@@ -14,7 +14,7 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
+from ..common import CalibrationOptions, check_camera_matrix, read_text
 from .opencv_storage import (
     DISTORTION,
     MATRIX,
@@ -29,6 +29,7 @@ from .opencv_storage import (
     storage_values,
     unused_keys,
 )
+from .projection import camera_of_parts
 
 WILDTRACK = {**{f"CVLab{n}": f"C{n}" for n in range(1, 5)}, **{f"IDIAP{n}": f"C{n + 4}" for n in range(1, 4)}}
 """Names of WILDTRACK's calibrations, and of the cameras as its images and annotations call them."""
@@ -118,13 +119,6 @@ def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: Calibra
     parts = (MATRIX, DISTORTION), (ROTATION, TRANSLATION)
     for held, used in zip((values, of_place), parts, strict=True):
         options.check_keys(name, unused_keys(held, used), WITHOUT_EFFECT)
-    pose = Pose(
-        name=WILDTRACK[name] if wildtrack else name,
-        focal_px=[matrix[0, 0], matrix[1, 1]],
-        principal_px=[matrix[0, 2], matrix[1, 2]],
-        rotation=rotation,
-        centre=-rotation.T @ translation * scale_of(options, "cm" if wildtrack else "m"),
-        image_size=size,
-        lens=lens_of(values, f"{lens}: camera {name}"),
-    )
-    return build_camera(pose, where, options)
+    called, unit = (WILDTRACK[name], "cm") if wildtrack else (name, "m")
+    model, centre = lens_of(values, f"{lens}: camera {name}"), -rotation.T @ translation
+    return camera_of_parts(matrix, rotation, centre, size, options, name=called, where=where, lens=model, unit=unit)

@@ -76,6 +76,7 @@ def camera_of_parts(
     name: str,
     where: str,
     lens: Lens = STRAIGHT,
+    unit: str = "m",
 ) -> Camera:
     """Create a camera from intrinsic matrix, rotation and centre.
 
@@ -88,6 +89,7 @@ def camera_of_parts(
         name: of the camera.
         where: file and camera, for messages.
         lens: distortion.
+        unit: length unit of the format, if the options state none.
 
     Raises:
         InputError: a parameter is impossible, or the skew, which a scene does not have, is above `MAX_SKEW_PX` at the
@@ -99,7 +101,7 @@ def camera_of_parts(
         focal_px=[k[0, 0], k[1, 1]],
         principal_px=[k[0, 2], k[1, 2]],
         rotation=rotation,
-        centre=centre * scale_of(options, "m"),
+        centre=centre * scale_of(options, unit),
         image_size=image_size,
         lens=lens,
     )
