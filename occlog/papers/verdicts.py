@@ -38,7 +38,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.special import betaincinv, stdtrit
@@ -344,6 +344,26 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
     return Measure(value, deviation(found), runs, value - wide * (value - low), value + wide * (high - value))
 
 
+P = TypeVar("P")
+
+
+def run_trials(
+    points: Iterable[P], size: Size, execute: Execute, spec: Callable[[P, int], Spec]
+) -> list[tuple[P, list[dict[str, float]]]]:
+    """Run `size.runs` trials at each point of a figure, and return each point with the figures of its runs.
+
+    `spec` makes the specification of a trial from a point and the number of the run, which counts from 0.
+    """
+    given, runs = list(points), size.runs
+    results = execute([spec(point, run) for point in given for run in range(runs)])
+    return [(point, results[i * runs : (i + 1) * runs]) for i, point in enumerate(given)]
+
+
+def values_of(results: Iterable[Mapping[str, float]], figure: str) -> tuple[float, ...]:
+    """Values of one figure in the trials `results`, in their order."""
+    return tuple(r[figure] for r in results)
+
+
 class PaperSource(NamedTuple):
     """Where a paper makes a statement.
 
@@ -469,6 +489,14 @@ def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
     return None
 
 
+def row_of(table: Table, series: str, x: float | None = None) -> PaperRow:
+    """Row of a series at x (None: its first row), which the experiment always has; KeyError if it is missing."""
+    row = find(table, series, x)
+    if row is None:
+        raise KeyError(series, x)
+    return row
+
+
 def series(table: Table, name: str) -> list[PaperRow]:
     """Rows of the series `name` that have an x, by rising x."""
     return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
@@ -569,6 +597,31 @@ def fact(
     word = REPRODUCED if holds else NOT
     shown = exact(math.nan if measured is None else measured)
     return _verdict(key, statement, shown, paper=paper, word=word, rule=rule)
+
+
+class ExactStatement(NamedTuple):
+    """A statement about one quantity that is computed without error.
+
+    Statement, the range of the quantity in which it is reproduced, and that rule in words.
+    """
+
+    statement: str
+    good: Interval
+    rule: str
+
+
+def exact_rows(statements: Iterable[str], found: Mapping[str, float]) -> Table:
+    """A row for each statement (ids) with its quantity in `found`; x is the number of the statement, from 1."""
+    return [PaperRow(key, k, (found[key],)) for k, key in enumerate(statements, start=1)]
+
+
+def judge_exactly(statements: Mapping[str, ExactStatement], table: Table) -> list[StatementVerdict]:
+    """Verdict on each statement by its quantity in the rows of `exact_rows`, which has no error bar."""
+    return [
+        judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
+        for row in table
+        if (s := statements[row.series])
+    ]
 
 
 def judge_points(

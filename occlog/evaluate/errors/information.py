@@ -36,8 +36,6 @@ from occlog.scans.distance_measurements import (
     with_strengths,
 )
 
-Metrics = dict[str, float]
-
 
 def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     """Return the Fisher information (N, 2, 2) of one sensor's bearings about the target's (x, y).

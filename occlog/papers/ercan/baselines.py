@@ -8,7 +8,7 @@ where a series states it.
 from __future__ import annotations
 
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
+from occlog.papers.verdicts import Execute, Experiment, Size, StatementVerdict, Table, quotient_of
 from occlog.pipeline.sweep.trial import Values
 
 from .square import M40
@@ -85,9 +85,6 @@ def judge(table: Table) -> list[StatementVerdict]:
     def lower(key: str, statement: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", statement, v.matched(table, low, high))
 
-    def found(name: str, x: float | None = CAMERAS) -> PaperRow | None:
-        return v.find(table, name, x)
-
     out = [
         lower("ekf", "An extended Kalman filter has a larger error than particles.", APF, EKF),
         lower("ukf", "An unscented Kalman filter has a lower error than an extended one.", UKF, EKF),
@@ -107,18 +104,16 @@ def judge(table: Table) -> list[StatementVerdict]:
         lower("map-particles", "MAP estimates in a Kalman filter have a larger error than particles.", APF, DESCENT),
         lower("priors", "Particles with priors have a lower error than a filter without.", f"{APF}, {PRIORS}", EKF),
     ]
-    apf, ekf = found(f"{APF}, {SHARP}"), found(f"{EKF}, {SHARP}")
-    if apf is not None and ekf is not None:
-        statement = (
-            "With sharp bearings and no person in between an extended Kalman filter is as good as particles: quotient."
-        )
-        rule = f"quotient of the errors at most {AS_GOOD}; in part up to {NEARLY}"
-        good, fair = v.at_most(AS_GOOD), v.at_most(NEARLY)
-        out.append(v.judge("baselines-sharp", statement, quotient_of(ekf, apf), good, fair, rule=rule))
-    apf, rest = found(f"{APF}, {FALSE}"), [found(f"{name}, {FALSE}") for name in (EKF, UKF, IEKF)]
-    if apf is not None:
-        statement = "With false bearings every Kalman filter has a larger error than particles."
-        out.append(v.pairs("baselines-false", statement, [(apf, r) for r in rest if r is not None]))
+    apf, ekf = (v.row_of(table, f"{name}, {SHARP}") for name in (APF, EKF))
+    statement = (
+        "With sharp bearings and no person in between an extended Kalman filter is as good as particles: quotient."
+    )
+    rule = f"quotient of the errors at most {AS_GOOD}; in part up to {NEARLY}"
+    good, fair = v.at_most(AS_GOOD), v.at_most(NEARLY)
+    out.append(v.judge("baselines-sharp", statement, quotient_of(ekf, apf), good, fair, rule=rule))
+    apf, *rest = (v.row_of(table, f"{name}, {FALSE}") for name in (APF, EKF, UKF, IEKF))
+    statement = "With false bearings every Kalman filter has a larger error than particles."
+    out.append(v.pairs("baselines-false", statement, [(apf, r) for r in rest]))
     return out
 
 

@@ -48,7 +48,6 @@ from occlog.measure.associate.config import LabelConfig
 from occlog.measure.associate.stage import label
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.priors.from_positions import virtual_priors
-from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec, rmse_of_priors
 from occlog.records.scene import Scene
@@ -60,8 +59,8 @@ from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig, SelectConfig, read_selection
 
-from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
-from .trial import KNOWN, LAB_SIZE, NONE, PRIOR
+from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, RANDOM, judge_greedy
+from .trial import KNOWN, LAB_SIZE, NONE, PRIOR, judge_cameras, judge_priors
 
 TARGET = 0
 GATE = 3.0
@@ -508,7 +507,7 @@ def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Exp
         title="Policies of selection, recorded detections",
         x_label="selected cameras",
         compute=partial(fig15, source, names),
-        judge=judge15,
+        judge=partial(judge_greedy, ITEMS[1]),
     )
     return by_number, by_policy
 
@@ -573,24 +572,4 @@ def _row(name: str, x: float, runs: Sequence[Figures]) -> PaperRow:
 
 def judge14(table: Table) -> list[StatementVerdict]:
     """Verdicts on [Ercan] Fig. 14, for a recording: priors of occluders and more cameras lower the error."""
-    item = ITEMS[0]
-    out = [
-        v.pairs(f"{item}-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
-        v.pairs(f"{item}-priors", "Priors give a lower error than none.", v.matched(table, PRIOR, NONE)),
-    ]
-    for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        statement = f"Every further camera lowers the error ({name})."
-        out.append(v.pairs(f"{item}-cameras-{key}", statement, v.neighbours(v.series(table, name))))
-    return out
-
-
-def judge15(table: Table) -> list[StatementVerdict]:
-    """Verdicts on [Ercan] Fig. 15, for a recording: greedy selection against brute force and heuristic policies."""
-    item, statement = ITEMS[1], "Greedy selection is close to brute force."
-    out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
-    for name in HEURISTICS:
-        statement = f"Greedy selection is better than the policy `{name}`."
-        out.append(v.pairs(f"{item}-{name}", statement, v.matched(table, GREEDY, name)))
-    points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
-    statement = "The differences are no larger than the variation over the runs."
-    return [*out, v.close(f"{item}-variation", statement, points)]
+    return [*judge_priors(ITEMS[0], table), *judge_cameras(ITEMS[0], table)]

@@ -7,6 +7,7 @@ The lab of Figs. 14 and 15 is a simulated stand-in for the paper's.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -23,6 +24,8 @@ from .trial import (
     NONE,
     PRIOR,
     TrialPoint,
+    judge_cameras,
+    judge_priors,
     judge_worst_case,
     kalman,
     l_room,
@@ -155,11 +158,18 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 def judge15(table: Table) -> list[StatementVerdict]:
     """Verdicts on [Ercan] Fig. 15: greedy selection of cameras in the lab against brute force and heuristics."""
+    return [*judge_greedy("fig15", table), *priors_error("fig15", table, 12.1)]
+
+
+def judge_greedy(item: str, table: Table) -> list[StatementVerdict]:
+    """Verdicts on greedy selection against brute force and heuristics, and on the size of the differences."""
     statement = "Greedy selection is close to brute force."
-    out = [v.close("fig15-brute-force", statement, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
-    out.append(v.close("fig15-variation", "The differences are no larger than the variation over the runs.", points))
-    return [*out, *priors_error("fig15", table, 12.1)]
+    return [
+        v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE)),
+        *_heuristics(item, table),
+        v.close(f"{item}-variation", "The differences are no larger than the variation over the runs.", points),
+    ]
 
 
 FIG12 = Experiment(
@@ -174,17 +184,20 @@ FIG12 = Experiment(
     judge=judge12,
     note="M = 40, selection every 5 steps.",
 )
-FIG15 = Experiment(
-    item="fig15",
-    title="Policies of selection, stand-in for the lab",
-    x_label="selected cameras",
+_in_the_lab = functools.partial(
+    Experiment,
     y_label="RMSE [in]",
     runs=50,
     steps=200,
     quick=(2, 60),
+    note="Simulated: 16 cameras of 47 degrees, M = 20.",
+)
+FIG15 = _in_the_lab(
+    item="fig15",
+    title="Policies of selection, stand-in for the lab",
+    x_label="selected cameras",
     compute=fig15,
     judge=judge15,
-    note="Simulated: 16 cameras of 47 degrees, M = 20.",
 )
 
 
@@ -203,28 +216,21 @@ def fig14(size: Size, execute: Execute) -> Table:
 def judge14(table: Table) -> list[StatementVerdict]:
     """Verdicts on [Ercan] Fig. 14: priors of occluders and more cameras lower the error."""
     known_none = v.matched(table, KNOWN, NONE)
-    out = [
-        v.pairs("fig14-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
-        v.pairs("fig14-priors", "Priors give a lower error than none.", v.matched(table, PRIOR, NONE)),
+    return [
+        *judge_priors("fig14", table),
         v.close("fig14-small", "The difference is small against the variation over the runs.", known_none),
+        *judge_cameras("fig14", table),
+        *priors_error("fig14", table, 12.1),
+        *judge_worst_case(table, "fig14", 77.5),
     ]
-    for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        statement = f"Every further camera lowers the error ({name})."
-        out.append(v.pairs(f"fig14-cameras-{key}", statement, v.neighbours(v.series(table, name))))
-    return [*out, *priors_error("fig14", table, 12.1), *judge_worst_case(table, "fig14", 77.5)]
 
 
-FIG14 = Experiment(
+FIG14 = _in_the_lab(
     item="fig14",
     title="Error and number of cameras, stand-in for the lab",
     x_label="cameras",
-    y_label="RMSE [in]",
-    runs=50,
-    steps=200,
-    quick=(2, 60),
     compute=fig14,
     judge=judge14,
-    note="Simulated: 16 cameras of 47 degrees, M = 20.",
 )
 
 
@@ -239,16 +245,9 @@ def by_period(size: Size, execute: Execute) -> Table:
     Runs of one number have the same world for all periods.
     """
     points = []
-    for every in QUICK_PERIODS if size.quick else PERIODS:
-        select = {
-            "policy": "greedy",
-            "n_cameras": COUNT,
-            "selection_interval": float(every),
-            "max_blind_scans": 0,
-            "model": "perspective",
-        }
-        spec = trial(l_room(), size, L_WORLD, kalman(L_SIGMA), select={**select, "camera_order": names(L_ORDER)})
-        points.append(TrialPoint(GREEDY, float(every), spec))
+    for every in map(float, QUICK_PERIODS if size.quick else PERIODS):
+        select = _select("greedy", COUNT, L_ORDER, every)
+        points.append(TrialPoint(GREEDY, every, trial(l_room(), size, L_WORLD, kalman(L_SIGMA), select=select)))
     return run_points(points, size, execute)
 
 

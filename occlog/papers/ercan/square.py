@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from itertools import pairwise
 
@@ -28,6 +29,7 @@ from .trial import (
     SQUARE_ORDER,
     WORST,
     TrialPoint,
+    judge_cameras,
     judge_worst_case,
     kalman,
     names,
@@ -79,10 +81,7 @@ def judge6(table: Table) -> list[StatementVerdict]:
             v.matched(table, PRIOR, NONE, middle),
         ),
     ]
-    for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        falls = v.neighbours(v.series(table, name))
-        out.append(v.pairs(f"fig6-cameras-{key}", f"Every further camera lowers the error ({name}).", falls))
-    out += judge_worst_case(table, "fig6", 24.4)
+    out += [*judge_cameras("fig6", table), *judge_worst_case(table, "fig6", 24.4)]
     out += priors_error("fig6", v.series(table, PRIOR), 6.67)
     return [*out, _spread("fig6", [r for _, r in v.matched(table, KNOWN, NONE)], v.series(table, KNOWN))]
 
@@ -274,42 +273,31 @@ def _sd_factor(key: str, narrow: PaperRow, wide: PaperRow) -> StatementVerdict:
 
 
 NOTE = "Priors by a Kalman filter on virtual measurements; M = 40 moving occluders, 1000 particles."
+_in_the_square = functools.partial(Experiment, runs=5, steps=4000, quick=(2, 150), note=NOTE)
 EXPERIMENTS = (
-    Experiment(
+    _in_the_square(
         item="fig6",
         title="Error and number of cameras",
         x_label="cameras",
         y_label="RMSE",
-        runs=5,
-        steps=4000,
-        quick=(2, 150),
         compute=fig6,
         judge=judge6,
-        note=NOTE,
     ),
-    Experiment(
+    _in_the_square(
         item="fig7",
         title="Error and accuracy of the priors",
         x_label="RMSE_occ",
         y_label="RMSE",
-        runs=5,
-        steps=4000,
-        quick=(2, 150),
         compute=fig7,
         judge=judge7,
-        note=NOTE,
     ),
-    Experiment(
+    _in_the_square(
         item="fig8",
         title="Priors needed for an RMSE of 3",
         x_label="cameras",
         y_label="RMSE_occ",
-        runs=5,
-        steps=4000,
-        quick=(2, 150),
         compute=fig8,
         judge=judge8,
-        note=NOTE,
     ),
     Experiment(
         item="fig9",

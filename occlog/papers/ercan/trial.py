@@ -20,8 +20,12 @@ from occlog.papers.verdicts import (
     StatementVerdict,
     Table,
     find,
+    matched,
     mean_of,
+    neighbours,
+    pairs,
     sample,
+    series,
     stated,
 )
 from occlog.pipeline.sweep.trial import Spec, Values
@@ -126,6 +130,24 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVer
         return []
     statement = "Error without tracking, of the middle of the room."
     return [stated(f"{item}-rmse-max", statement, paper, mean_of(row))]
+
+
+def judge_cameras(item: str, table: Table) -> list[StatementVerdict]:
+    """Verdicts on whether every further camera lowers the error, for known positions, priors and neither."""
+    return [
+        pairs(
+            f"{item}-cameras-{key}", f"Every further camera lowers the error ({name}).", neighbours(series(table, name))
+        )
+        for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE))
+    ]
+
+
+def judge_priors(item: str, table: Table) -> list[StatementVerdict]:
+    """Verdicts on whether known positions of occluders have a lower error than priors, and these than none."""
+    return [
+        pairs(f"{item}-known", "Known positions give a lower error than priors.", matched(table, KNOWN, PRIOR)),
+        pairs(f"{item}-priors", "Priors give a lower error than none.", matched(table, PRIOR, NONE)),
+    ]
 
 
 def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[StatementVerdict]:

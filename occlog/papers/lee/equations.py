@@ -6,9 +6,9 @@ geometry that it describes, by differences, or by its definition.  Eq. 2.41 is s
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from occlog.core.bounds.in_space import direction_information, plane_variance, s
 from occlog.core.geometry.projected_planes import AXES, XY, YZ, ZX, projected_angles
 from occlog.filtering.motion.coordinated_turn import turn_matrix
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact
+from occlog.papers.verdicts import ExactStatement, Execute, Experiment, Size, Table
 
 from .space.worlds import ACCELERATION, SIGMA, STEP_S, TABLE, world
 
@@ -31,76 +31,67 @@ PHI_RANGE, THETA_RANGE = (50.47, 82.14), (36.35, 85.60)
 """Printed angles [deg] of the track of Tables 2.1 and 2.2."""
 EXAMPLES = 100
 
-
-class LeeStatement(NamedTuple):
-    """A statement, the range of its quantity in which it is reproduced, and that rule in words."""
-
-    statement: str
-    good: v.Interval
-    rule: str
-
-
 SAME, CLOSE = v.at_most(EQUAL), v.at_most(BY_DIFFERENCES)
-STATEMENTS: Mapping[str, LeeStatement] = {
-    "eq2.13": LeeStatement(
+STATEMENTS: Mapping[str, ExactStatement] = {
+    "eq2.13": ExactStatement(
         "(2.13) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"
     ),
-    "eq3.12": LeeStatement(
+    "eq3.12": ExactStatement(
         "(3.12) turns the state: largest deviation of the matrix from a turn.", SAME, "at most 1e-9"
     ),
-    "eq2.14": LeeStatement(
+    "eq2.14": ExactStatement(
         "A rate of +alpha/V turns clockwise: angle turned in a second [rad], clockwise positive.",
         v.above(0.0),
         "above 0",
     ),
-    "eq2.15": LeeStatement("(2.15) moves by constant acceleration: largest deviation.", SAME, "at most 1e-9"),
-    "eq2.32": LeeStatement(
+    "eq2.15": ExactStatement("(2.15) moves by constant acceleration: largest deviation.", SAME, "at most 1e-9"),
+    "eq2.32": ExactStatement(
         "(2.32) is the gradient of that motion, as (2.30) needs it: largest deviation.", SAME, "at most 1e-9"
     ),
-    "eq2.30": LeeStatement(
+    "eq2.30": ExactStatement(
         "With J_0 = 0 there is a bound: least information about any direction over that of the mean one (scenario 1).",
         v.at_least(1e-12),
         "at least 1e-12; 0: the matrix has no inverse",
     ),
-    "eq2.36": LeeStatement(
+    "eq2.36": ExactStatement(
         "(2.36) to (2.38) are gradients of the projected angles: largest deviation.", CLOSE, "at most 1e-6"
     ),
-    "eq2.24-alike": LeeStatement(
+    "eq2.24-alike": ExactStatement(
         "(2.22) to (2.24) convert positions of a sensor with axes as the first one's: largest error [m].",
         SAME,
         "at most 1e-9",
     ),
-    "eq2.24-reversed": LeeStatement(
+    "eq2.24-reversed": ExactStatement(
         "(2.22) to (2.24) convert positions of a sensor with reversed axes: largest error [m].", SAME, "at most 1e-9"
     ),
-    "eq3.10": LeeStatement(
+    "eq3.10": ExactStatement(
         "(3.7) to (3.11) are weighted means: sum of the particles' shares in the estimate.",
         v.Interval(1.0 - EQUAL, 1.0 + EQUAL),
         "1 to 1e-9",
     ),
-    "eq4.4": LeeStatement("(4.4) is (4.3) with P_M = P_F: largest deviation.", SAME, "at most 1e-9"),
-    "eq4.11": LeeStatement(
+    "eq4.4": ExactStatement("(4.4) is (4.3) with P_M = P_F: largest deviation.", SAME, "at most 1e-9"),
+    "eq4.11": ExactStatement(
         "(4.11) is the ratio of detections by (4.1) and (4.2): largest deviation of its logarithm.",
         SAME,
         "at most 1e-9",
     ),
-    "fig2.9-lowest": LeeStatement(
+    "fig2.9-lowest": ExactStatement(
         "Scenario 4: at 13 instants yz of sensor 1 has the lowest variance: share of these.", v.at_least(1.0), "all"
     ),
-    "fig2.9-second": LeeStatement(
+    "fig2.9-second": ExactStatement(
         "Scenario 4: there yz of sensor 2 has the second lowest: share of these.", v.at_least(1.0), "all"
     ),
-    "fig2.9-later": LeeStatement(
+    "fig2.9-later": ExactStatement(
         "Scenario 4: later zx of sensor 1 and yz of sensor 2 are selected: share of these instants.",
         v.at_least(1.0),
         "all",
     ),
-    "sec2.2.2-phi": LeeStatement(
+    "sec2.2.2-phi": ExactStatement(
         "Tables 2.1 and 2.2: phi is between 50.47 and 82.14 degrees: largest difference of an end.",
         v.at_most(0.02),
         "at most two units of the last printed digit",
     ),
-    "sec2.2.2-theta": LeeStatement(
+    "sec2.2.2-theta": ExactStatement(
         "Tables 2.1 and 2.2: theta is between 36.35 and 85.60 degrees: largest difference of an end.",
         v.at_most(0.02),
         "at most two units of the last printed digit",
@@ -125,16 +116,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
         **_planes(),
         **_angles(),
     }
-    return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
-
-
-def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on each statement on the printed equations by its quantity, which has no error bar."""
-    return [
-        v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
-        for row in table
-        if (s := STATEMENTS[row.series])
-    ]
+    return v.exact_rows(STATEMENTS, found)
 
 
 def _turns() -> dict[str, float]:
@@ -278,6 +260,6 @@ EQUATIONS = Experiment(
     steps=1,
     quick=(1, 1),
     compute=equations,
-    judge=judge,
+    judge=functools.partial(v.judge_exactly, STATEMENTS),
     note="Computed without noise; the examples are drawn, and the largest deviation is shown.",
 )

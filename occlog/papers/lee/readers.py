@@ -82,8 +82,7 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
     """Verdicts on the accuracy of positions by RFID readers, and after refinement by cameras ([Lee] Sec. 5.2.3)."""
 
     def rows(what: str) -> list[PaperRow]:
-        found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
-        return [row for row in found if row is not None]
+        return [v.row_of(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
 
     rms, coarse = rows(f"{COARSE} RMS"), rows(COARSE)
     printed, parallel, rays = rows(PRINTED), rows(PARALLEL), rows(RAYS)
@@ -151,29 +150,22 @@ def judge_counts(table: Table) -> list[StatementVerdict]:
     }
     out = []
     for series, (paper, statement) in printed.items():
-        row = v.find(table, series)
-        if row is not None:
-            key, holds = f"virtual-{series.split()[0]}", row.mean == paper
-            out.append(
-                v.fact(key, statement, holds=holds, measured=row.mean, rule="the same number", paper=float(paper))
-            )
-    eight = v.find(table, "eight readers in two rows")
-    if eight is not None:
-        statement = (
-            "Eight readers make 26 virtual sensors (the layout is lost): one of the random layouts does; their mean."
-        )
-        rule = f"one of {eight.runs} layouts has as many; they have {min(eight.values):g} to {max(eight.values):g}"
-        holds = float(EIGHT) in eight.values
-        out.append(v.fact("virtual-eight", statement, holds=holds, measured=eight.mean, rule=rule, paper=float(EIGHT)))
-    ring, most = v.find(table, "twelve readers in a ring"), v.find(table, "twelve readers, at most")
-    if ring is not None and most is not None:
-        statement = "Readers that are far from each other make fewer than the bound: a ring of 12."
-        holds = ring.mean <= most.mean
-        out.append(
-            v.fact(
-                "virtual-bound", statement, holds=holds, measured=ring.mean, rule="at most the bound", paper=most.mean
-            )
-        )
+        row = v.row_of(table, series)
+        key, holds = f"virtual-{series.split()[0]}", row.mean == paper
+        out.append(v.fact(key, statement, holds=holds, measured=row.mean, rule="the same number", paper=float(paper)))
+    eight = v.row_of(table, "eight readers in two rows")
+    statement = (
+        "Eight readers make 26 virtual sensors (the layout is lost): one of the random layouts does; their mean."
+    )
+    rule = f"one of {eight.runs} layouts has as many; they have {min(eight.values):g} to {max(eight.values):g}"
+    holds = float(EIGHT) in eight.values
+    out.append(v.fact("virtual-eight", statement, holds=holds, measured=eight.mean, rule=rule, paper=float(EIGHT)))
+    ring, most = v.row_of(table, "twelve readers in a ring"), v.row_of(table, "twelve readers, at most")
+    statement = "Readers that are far from each other make fewer than the bound: a ring of 12."
+    holds = ring.mean <= most.mean
+    out.append(
+        v.fact("virtual-bound", statement, holds=holds, measured=ring.mean, rule="at most the bound", paper=most.mean)
+    )
     return out
 
 

@@ -22,6 +22,7 @@ from occlog.core.metrics.mot.failure_rates import failures
 from occlog.core.metrics.mot.frame_pairs import Objects, of_boxes
 from occlog.core.metrics.mot.hota import hota, identity
 from occlog.errors import InputError
+from occlog.papers.verdicts import Experiment
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
@@ -303,6 +304,10 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             figures |= {f"{name}_{figure}": value for figure, value in seen.items()}
         out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
     return out
+
+
+views_experiment = functools.partial(Experiment, runs=12, steps=400, trial=run_views_trial)
+"""Experiment on videos that trials draw, by default twelve of them with 400 frames."""
 
 
 def defaults_of(method: str) -> MipfConfig:

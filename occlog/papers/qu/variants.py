@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, power_of
+from occlog.pipeline.sweep.trial import Spec
 
 from .common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
 from .trial import run_views_trial, views_spec
@@ -83,11 +84,11 @@ Found = dict[float, Sequence[Mapping[str, float]]]
 
 def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execute: Execute) -> Found:
     """Figures of the runs by value of the varied setting of balls; each value has its own videos."""
-    changed: Sequence[dict[str, object]] = [
-        {"radius": float(x)} if variant is RADIUS else {"balls": int(x)} for x in points
-    ]
-    results = execute([spec_of(size, run, **balls) for balls in changed for run in range(size.runs)])
-    return {x: results[i * size.runs : (i + 1) * size.runs] for i, x in enumerate(points)}
+
+    def spec(x: float, run: int) -> Spec:
+        return spec_of(size, run, **({"radius": float(x)} if variant is RADIUS else {"balls": int(x)}))
+
+    return dict(v.run_trials(points, size, execute, spec))
 
 
 def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:

@@ -8,15 +8,15 @@ Equations are written down as printed; what they should give is computed by thei
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact
+from occlog.papers.verdicts import ExactStatement, Execute, Experiment, Size, Table
 
 from .example import FOV_DEG, PLACES, RANGE, SPEED, STEP_S
 
@@ -30,61 +30,45 @@ NOISE = np.diag([1e-4, 1.0, 1e-4, 1.0])
 ALONE, SPEED_KNOWN, TWO, RADIAL = "fig1-scale", "fig1-speed", "fig1-two", "sec7-same-bearing"
 
 
-class RahimiStatement(NamedTuple):
-    """A statement to be judged by one quantity.
-
-    Attributes:
-        statement: its text.
-        good: range of the quantity in which it holds.
-        rule: words for this range.
-    """
-
-    statement: str
-    good: v.Interval
-    rule: str
-
-
 ALL, EQUAL = v.at_least(1.0), v.at_most(1e-9)
-STATEMENTS: Mapping[str, RahimiStatement] = {
-    ALONE: RahimiStatement(
+STATEMENTS: Mapping[str, ExactStatement] = {
+    ALONE: ExactStatement(
         "One camera leaves the scale of a target at constant velocity open, and nothing else: share of the targets.",
         ALL,
         "all: one dimension of four",
     ),
-    SPEED_KNOWN: RahimiStatement(
+    SPEED_KNOWN: ExactStatement(
         "If its speed is known, one camera determines its positions: share of the targets.", ALL, "all: no dimension"
     ),
-    TWO: RahimiStatement(
+    TWO: ExactStatement(
         "If its speed is constant and unknown, two cameras with views that do not overlap do: share of the targets.",
         ALL,
         "all: no dimension",
     ),
-    RADIAL: RahimiStatement(
+    RADIAL: ExactStatement(
         "A target that moves along one bearing cannot be located, though its speed is known: share of the targets.",
         ALL,
         "all: one dimension or more",
     ),
-    "eq1": RahimiStatement(
+    "eq1": ExactStatement(
         "The printed A adds velocities to positions in the printed order of the state: largest deviation [m].",
         EQUAL,
         "at most 1e-9 m",
     ),
-    "eq2": RahimiStatement(
+    "eq2": ExactStatement(
         "The inverse of Lambda_X is tri-diagonal in blocks: largest entry outside, as a share of the largest.",
         EQUAL,
         "at most 1e-9",
     ),
-    "eq3": RahimiStatement(
+    "eq3": ExactStatement(
         "Lambda_X, the covariance of (2), is G^T G of (3): largest deviation as a share.", EQUAL, "at most 1e-9"
     ),
-    "eq3-inverse": RahimiStatement(
+    "eq3-inverse": ExactStatement(
         "The inverse of Lambda_X is G^T G with roots of the inverse of Sigma_nu: largest deviation as a share.",
         EQUAL,
         "at most 1e-9",
     ),
-    "sec5-sparse": RahimiStatement(
-        "Each row of J has exactly 2 entries that are not 0: share of the rows.", ALL, "all"
-    ),
+    "sec5-sparse": ExactStatement("Each row of J has exactly 2 entries that are not 0: share of the rows.", ALL, "all"),
 }
 
 
@@ -95,16 +79,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     """
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2004, 1)))
     found = {**_undetermined(rng, size.steps), **_prior(), "sec5-sparse": _sparse()}
-    return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
-
-
-def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on each statement on bearings and printed equations by its quantity, which has no error bar."""
-    out = []
-    for row in table:
-        s = STATEMENTS[row.series]
-        out.append(v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule))
-    return out
+    return v.exact_rows(STATEMENTS, found)
 
 
 def open_dimensions(cameras: Floats, position: Floats, velocity: Floats, *, speed: bool) -> int:
@@ -212,6 +187,6 @@ EQUATIONS = Experiment(
     steps=1000,
     quick=(1, 100),
     compute=equations,
-    judge=judge,
+    judge=functools.partial(v.judge_exactly, STATEMENTS),
     note="Without noise; steps are random targets.",
 )

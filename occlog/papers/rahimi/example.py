@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,14 +62,36 @@ def sparse_scene(*, known_range: bool) -> Scene:
 
     `known_range`: whether cameras have their range, as in the world; else they have none, as in the paper's method.
     """
-    reach = f", range: {RANGE:g}" if known_range else ""
-    lines = ["occlog_scene: 1", "length_unit: m", f"room: {[[a * HALF, b * HALF] for a, b in CORNERS]}", "cameras:"]
-    for n, (x, y, yaw) in enumerate(PLACES, start=1):
+    room = [(a * HALF, b * HALF) for a, b in CORNERS]
+    cameras = [(*place, RANGE if known_range else None) for place in PLACES]
+    return scene_of("the example of [Rahimi]", room, cameras)
+
+
+def scene_of(
+    name: str,
+    room: Sequence[tuple[float, float]],
+    cameras: Iterable[tuple[float, float, float, float | None]],
+    wall: Sequence[tuple[float, float]] = (),
+) -> Scene:
+    """Scene in metres with the cameras `cam1`, `cam2`, ... of [Rahimi] Sec. 6.
+
+    Args:
+        name: names the scene in messages.
+        room: corners of the room [m].
+        cameras: x, y [m], yaw [deg] and range [m] of each; without a limit if the range is None.
+        wall: corners of a wall in the room [m]; empty: none.
+    """
+    lines = ["occlog_scene: 1", "length_unit: m", f"room: {[list(p) for p in room]}"]
+    if wall:
+        lines.append(f"static_occluders:\n- {{name: wall, polygon: {[list(p) for p in wall]}}}")
+    lines.append("cameras:")
+    for n, (x, y, yaw, reach) in enumerate(cameras, start=1):
+        limit = "" if reach is None else f", range: {reach:g}"
         lines.append(
             f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
-            f"fov_deg: {FOV_DEG:g}{reach}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
+            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
         )
-    return scene_from_yaml("\n".join(lines) + "\n", "the example of [Rahimi]")
+    return scene_from_yaml("\n".join(lines) + "\n", name)
 
 
 def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOOTHING) -> Floats:
@@ -107,11 +130,11 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
     return Example(truth, with_false(bearings, scene, false, _rng(seed, run, FALSE)))
 
 
-def truth_of(xy: Floats) -> Truth:
-    """Table of true positions `xy` (T, 2) [m], at intervals of `STEP_S`."""
+def truth_of(xy: Floats, step_s: float = STEP_S) -> Truth:
+    """Table of true positions `xy` (T, 2) [m], at intervals of `step_s` [s]."""
     n = len(xy)
     return Truth.of(
-        t_ns=times(n),
+        t_ns=times(n, step_s),
         target_id=np.zeros(n, dtype=np.int32),
         role=np.full(n, "target"),
         x=xy[:, 0],
@@ -160,14 +183,19 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
     t_ns = times(TRAINING_STEPS)[::every]
     paths = [MeasuredPath(t_ns, reflected_path(TRAINING_STEPS, rng)[::every]) for _ in range(TRAINING_PATHS)]
-    shape, step_s = Shape("cv", "white", similar=True, noise=False), every * STEP_S
+    return fitted_motion(paths, every * STEP_S)
+
+
+def fitted_motion(paths: Sequence[MeasuredPath], step_s: float) -> tuple[float, float]:
+    """Acceleration and jitter of constant-velocity motion (`MapConfig`), fitted to `paths` in steps of `step_s` [s]."""
+    shape = Shape("cv", "white", similar=True, noise=False)
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=TRAINING_NOISE)
     return fit.parameters["acceleration"], fit.parameters["jitter"]
 
 
-def times(steps: int) -> Ints:
-    """Times (steps,) of a problem [ns], from 0, at intervals of `STEP_S`."""
-    return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
+def times(steps: int, step_s: float = STEP_S) -> Ints:
+    """Times (steps,) of a problem [ns], from 0, at intervals of `step_s` [s]."""
+    return np.asarray(np.rint(np.arange(steps) * step_s * 1e9), dtype=np.int64)
 
 
 def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:

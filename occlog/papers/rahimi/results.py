@@ -12,7 +12,6 @@ from occlog.papers import verdicts as v
 from occlog.papers.plots import EstimatedPath, PlanFigure
 from occlog.papers.verdicts import (
     Execute,
-    Experiment,
     PaperRow,
     Size,
     StatementVerdict,
@@ -26,7 +25,7 @@ from occlog.papers.verdicts import (
 
 from .example import HALF, sparse_scene
 from .search import error, panel, ranked
-from .trial import BINS, Solved, sightings, solve_problem, sparse_spec, sparse_trial
+from .trial import BINS, Solved, sightings, solve_problem, sparse_experiment, sparse_spec
 
 ALL, SEEN, BETWEEN, BEYOND = "whole trajectory", "seen", "between sightings", "before the first or after the last"
 WITH, WITHOUT, ROOM = "in front of the cameras", "without constraints", "in the room and in range, too"
@@ -75,7 +74,7 @@ def judge4(table: Table) -> list[StatementVerdict]:
     parts = np.array([r.values for r in v.series(table, ALL)])
     ends = PaperRow("ends", math.nan, _rms(parts[[0, -1]]))
     middle = PaperRow("middle", math.nan, _rms(parts[1:-1]))
-    between, beyond = v.find(table, BETWEEN), v.find(table, BEYOND)
+    between, beyond = v.row_of(table, BETWEEN), v.row_of(table, BEYOND)
     median, side = whole.extra["median"], 2.0 * HALF
     rule = f"at most {CLOSE:.0%} of the room's side; in part up to twice that"
     statement = (
@@ -88,7 +87,7 @@ def judge4(table: Table) -> list[StatementVerdict]:
         ),
         v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
     ]
-    if between is not None and beyond is not None and between.runs:
+    if between.runs:
         statement = "Errors before the first or after the last detection are larger than between two [m]."
         out.append(v.pairs("fig4-beyond", statement, [(between, beyond)]))
     return out
@@ -110,11 +109,10 @@ def problems_plan(size: Size) -> PlanFigure:
 
 def fig5(size: Size, execute: Execute) -> Table:
     """Table of the RMSE [m] of every problem with each kind of constraints, by rising error without; and the means."""
-    results = execute([sparse_spec(size, run, **kind) for kind in KINDS.values() for run in range(size.runs)])
-    order = sorted(range(size.runs), key=lambda run: results[run]["rmse"])
+    found = v.run_trials(KINDS, size, execute, lambda name, run: sparse_spec(size, run, **KINDS[name]))
+    order = sorted(range(size.runs), key=lambda run: found[0][1][run]["rmse"])
     rows = []
-    for i, name in enumerate(KINDS):
-        own = results[i * size.runs : (i + 1) * size.runs]
+    for name, own in found:
         for rank, run in enumerate(order, start=1):
             extra = {key: own[run][key] for key in ("behind", "measurements", "converged", "iterations")}
             rows.append(PaperRow(name, rank, (own[run]["rmse"],), {"problem": float(run + 1), **extra}))
@@ -198,31 +196,23 @@ def _behind(solved: Solved) -> int:
     return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.position) * at.axis, axis=1) <= 0.0))
 
 
-FIG4 = Experiment(
+FIG4 = sparse_experiment(
     item="fig4",
     title="Error along the trajectory",
     x_label="part of the trajectory",
     y_label="RMSE [m]",
-    runs=50,
-    steps=200,
-    quick=(3, 80),
     compute=fig4,
     judge=judge4,
     note="Steps of 0.5 s; the room is 10 m wide.",
-    trial=sparse_trial,
     plans={"problems": problems_plan},
 )
-FIG5 = Experiment(
+FIG5 = sparse_experiment(
     item="fig5",
     title="With the field-of-view constraints and without",
     x_label="problem, by rising error",
     y_label="RMSE [m]",
-    runs=50,
-    steps=200,
-    quick=(3, 80),
     compute=fig5,
     judge=judge5,
     note="Lines across are means.",
-    trial=sparse_trial,
     plans={"constraints": constraints_plan},
 )

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import (
     Execute,
-    Experiment,
     PaperRow,
     Size,
     StatementVerdict,
@@ -20,7 +19,7 @@ from occlog.papers.verdicts import (
 )
 from occlog.pipeline.sweep.trial import Values
 
-from .trial import sparse_spec, sparse_trial
+from .trial import sparse_experiment, sparse_spec
 
 SQUARE, HUBER, CAUCHY = "square", "huber", "cauchy"
 LINEAR, SQUARE_LINEAR = "cauchy, linear start", "square, linear start"
@@ -64,13 +63,10 @@ RIGHT_WITHIN = (1.4, 2.8)
 def false(size: Size, execute: Execute) -> Table:
     """Table of the RMSE [m] against the share of false bearings [%], for each loss, start and set of constraints."""
     points = [(name, share) for name in WAYS for share in (SHARES[:2] if size.quick else SHARES)]
-    specs = [
-        sparse_spec(size, run, false=share / 100.0, **WAYS[name]) for name, share in points for run in range(size.runs)
-    ]
-    results = execute(specs)
     rows = []
-    for i, (name, share) in enumerate(points):
-        own = results[i * size.runs : (i + 1) * size.runs]
+    for (name, share), own in v.run_trials(
+        points, size, execute, lambda p, run: sparse_spec(size, run, false=p[1] / 100.0, **WAYS[p[0]])
+    ):
         extra = {"converged": math.fsum(r["converged"] for r in own) / size.runs}
         extra["iterations"] = math.fsum(r["iterations"] for r in own) / size.runs
         rows.append(PaperRow(name, share, tuple(r["rmse"] for r in own), extra))
@@ -122,11 +118,10 @@ def covariance(size: Size, execute: Execute) -> Table:
     """
     steps = (FIT_STEPS[0], LONGEST) if size.quick else FIT_STEPS
     points = [(name, s) for name in ESTIMATES for s in steps]
-    specs = [sparse_spec(size, run, fit_step_s=s, **ESTIMATES[n][1]) for n, s in points for run in range(size.runs)]
-    results = execute(specs)
     rows = []
-    for i, (name, step) in enumerate(points):
-        own = results[i * size.runs : (i + 1) * size.runs]
+    for (name, step), own in v.run_trials(
+        points, size, execute, lambda p, run: sparse_spec(size, run, fit_step_s=p[1], **ESTIMATES[p[0]][1])
+    ):
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("known", "unflagged", "rmse")}
         extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["process_noise_velocity"]
         values = _finite(r[ESTIMATES[name][0]] for r in own)
@@ -170,29 +165,21 @@ def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
     return v.judge(key, statement, mean_of(row), v.Interval(low, high), v.Interval(1.0, 4.0), rule=rule, paper=2.0)
 
 
-FALSE = Experiment(
+FALSE = sparse_experiment(
     item="false",
     title="False bearings",
     x_label="false bearings [%]",
     y_label="RMSE [m]",
-    runs=50,
-    steps=200,
-    quick=(3, 80),
     compute=false,
     judge=judge_false,
     note="False bearings are drawn uniformly from the camera's field of view.",
-    trial=sparse_trial,
 )
-COVARIANCE = Experiment(
+COVARIANCE = sparse_experiment(
     item="covariance",
     title="Consistency of the covariance",
     x_label="step at which the motion is identified [s]",
     y_label="mean normalised squared error",
-    runs=50,
-    steps=200,
-    quick=(3, 80),
     compute=covariance,
     judge=judge_covariance,
     note="Times that are not flagged; distances known: their standard deviation is at most half of them.",
-    trial=sparse_trial,
 )

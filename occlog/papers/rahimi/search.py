@@ -10,10 +10,10 @@ import numpy as np
 
 from occlog.papers import verdicts as v
 from occlog.papers.plots import EstimatedPath, PlanFigure, PlanPanel
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, exact, sample, share_of
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, exact, sample, share_of
 
 from .example import sparse_scene
-from .trial import Solved, sightings, solve_problem, sparse_spec, sparse_trial
+from .trial import Solved, sightings, solve_problem, sparse_experiment, sparse_spec
 
 RAY, DISTANCE, PLACE, MOVING = "off the rays", "distance error", "error", "problems that go on"
 SHOWN = (0, 1, 3, 9, 11, 17)
@@ -147,17 +147,13 @@ def iterations_plan(size: Size) -> PlanFigure:
     return PlanFigure("Refinement of a trajectory", caption, sparse_scene(known_range=True), tuple(panels[:6]))
 
 
-FIG3 = Experiment(
+FIG3 = sparse_experiment(
     item="fig3",
     title="Refinement of a trajectory",
     x_label="iteration",
     y_label="share of the start's value",
-    runs=50,
-    steps=200,
-    quick=(3, 80),
     compute=fig3,
     judge=judge3,
     note="Residuals of the bearings, errors of the distances from the cameras, errors of all positions.",
-    trial=sparse_trial,
     plans={"iterations": iterations_plan},
 )

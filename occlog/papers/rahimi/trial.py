@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.papers.verdicts import Size
+from occlog.papers.verdicts import Experiment, Size
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
@@ -120,8 +120,7 @@ def solve_problem(spec: Spec) -> Solved:
     """
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
-    config: MapConfig = configure(MapConfig.in_unit("m"), spec["track"])
-    config = replace(config, window_states=max(config.window_states, int(spec["steps"])))
+    config = map_config(spec["track"], int(spec["steps"]))
     iterates: list[Floats] = []
 
     def watch(at: Iterate) -> None:
@@ -139,6 +138,12 @@ def solve_problem(spec: Spec) -> Solved:
         iterations=solve.iterations,
         converged=solve.converged,
     )
+
+
+def map_config(settings: Mapping[str, object], states: int) -> MapConfig:
+    """Settings of method `map` with a window of at least `states` states, so that a path is solved as a whole."""
+    config: MapConfig = configure(MapConfig.in_unit("m"), settings)
+    return replace(config, window_states=max(config.window_states, states))
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> SparseMeasurements:
@@ -180,6 +185,10 @@ def sparse_trial(spec: Spec) -> dict[str, float]:
     }
 
 
+sparse_experiment = functools.partial(Experiment, runs=50, steps=200, quick=(3, 80), trial=sparse_trial)
+"""Experiment on random problems of the example, with its usual numbers of runs and steps."""
+
+
 def errors(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """RMSE of the trajectory, `rmse`, and of its parts [m]; NaN for a part without times.
 
@@ -201,7 +210,7 @@ def errors(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
         "middle": ~ends,
     }
     parts |= {f"part_{k}": np.arange(T) * BINS // T == k for k in range(BINS)}
-    return {name: _root_mean(square[rows]) for name, rows in parts.items()}
+    return {name: root_mean(square[rows]) for name, rows in parts.items()}
 
 
 def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
@@ -238,9 +247,9 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     out = {}
     for k, xy in enumerate(solved.iterates):
         h, d = _across(at, xy), _depth(at, xy)
-        out[f"ray_{k}"] = _root_mean(((h / d - at.reading) * FOCAL_PX / READ_PX) ** 2)
-        out[f"distance_{k}"] = _root_mean((d - true) ** 2)
-        out[f"place_{k}"] = _root_mean(np.sum((xy - solved.true_xy) ** 2, axis=1))
+        out[f"ray_{k}"] = root_mean(((h / d - at.reading) * FOCAL_PX / READ_PX) ** 2)
+        out[f"distance_{k}"] = root_mean((d - true) ** 2)
+        out[f"place_{k}"] = root_mean(np.sum((xy - solved.true_xy) ** 2, axis=1))
     stated = np.zeros_like(solved.xy)
     stated[at.state] = at.position + at.axis
     out["start_off"] = float(np.abs(solved.iterates[0] - stated).max())
@@ -263,6 +272,6 @@ def _mean(values: Floats) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def _root_mean(squares: Floats) -> float:
+def root_mean(squares: Floats) -> float:
     """Root of the mean of squares; NaN without values."""
     return math.sqrt(_mean(squares)) if len(squares) else math.nan

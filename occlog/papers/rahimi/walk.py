@@ -10,35 +10,31 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats
 from occlog.core.plane import line_of_sight_blocked
-from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of, share_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Tracks, Truth
-from occlog.settings import configure
+from occlog.records.tables import Bearings, Tracks
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.map import method as batch_map
-from occlog.track.methods.map.config import MapConfig
-from occlog.track.methods.map.fit_motion.em import fit_em
-from occlog.track.methods.map.fit_motion.parameters import Shape
 from occlog.track.methods.map.fit_motion.smoother import MeasuredPath
+
+from .example import fitted_motion, scene_of, times, truth_of
+from .trial import PAPER, map_config, root_mean
 
 STEP_S, SPEED = 0.25, 0.7
 SMOOTHING, MOVED = 3.0, 0.15
 """Standard deviations of the Gaussian that smooths a walk [steps], and of the turning points [m]."""
-FOCAL_PX, FOV_DEG, READ_PX = 100.0, 40.0, 1.0
 CAMERAS = ((3.0, 0.0, 90.0, 6.0), (8.0, 0.0, 90.0, 6.0), (12.5, 9.0, 270.0, 5.8), (16.0, 2.0, 180.0, 3.2))
 """x, y [m], yaw [deg] and range [m] of cameras 1 to 4."""
 ROOM = ((0.0, 0.0), (16.0, 0.0), (16.0, 9.0), (0.0, 9.0))
@@ -66,17 +62,8 @@ def building(*, known: bool) -> Scene:
 
     `known`: with the wall and the cameras' ranges, which the paper's method does not know.
     """
-    lines = ["occlog_scene: 1", "length_unit: m", f"room: {[list(p) for p in ROOM]}"]
-    if known:
-        lines.append(f"static_occluders:\n- {{name: wall, polygon: {[list(p) for p in WALL]}}}")
-    lines.append("cameras:")
-    for n, (x, y, yaw, reach) in enumerate(CAMERAS, start=1):
-        limit = f", range: {reach:g}" if known else ""
-        lines.append(
-            f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
-            f"fov_deg: {FOV_DEG:g}{limit}, noise: {{position: 0, yaw: 0, measurement_noise_px: {READ_PX:g}}}}}"
-        )
-    return scene_from_yaml("\n".join(lines) + "\n", "the building of [Rahimi] Sec. 7")
+    cameras = [(x, y, yaw, reach if known else None) for x, y, yaw, reach in CAMERAS]
+    return scene_of("the building of [Rahimi] Sec. 7", ROOM, cameras, WALL if known else ())
 
 
 def walk(rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -105,7 +92,7 @@ def walk_trial(spec: Spec) -> dict[str, float]:
     """
     seed, run = int(spec["seed"]), int(spec["run"])
     xy, part = walk(_rng(seed, run, WALK))
-    truth = _truth(xy)
+    truth = truth_of(xy, STEP_S)
     bearings = Bearings.concat(
         observe(building(known=True), [truth], ObserveConfig(diameter=0.0), int(_rng(seed, run, NOISE).integers(2**31)))
     )
@@ -119,8 +106,8 @@ def walk_trial(spec: Spec) -> dict[str, float]:
     wall = np.array(WALL)
     crossed = any(line_of_sight_blocked(a, b[None], wall)[0] for a, b in pairwise(at))
     return {
-        "loop": _root_mean(away2, first | back),
-        "legs": _root_mean(away2, legs),
+        "loop": root_mean(away2[first | back]),
+        "legs": root_mean(away2[legs]),
         "order": float(at[back, 1].mean() > at[first, 1].mean()),
         "through": float(crossed),
     }
@@ -135,17 +122,9 @@ def _estimate(bearings: Bearings, seed: int, *, walls: bool) -> Tracks:
         walls: whether the method knows walls and ranges.
     """
     acceleration, jitter = _identified(seed)
-    settings = {
-        "process_noise_velocity": acceleration,
-        "process_noise_position": jitter,
-        "sigma_initial_velocity": SPEED,
-        "wall_constraints": walls,
-        "loss": "square",
-    }
-    settings |= {"initialisation": "axes", "initial_depth": 1.0, "estimate": "mode", "covariance": "hessian"}
-    config: MapConfig = configure(MapConfig.in_unit("m"), settings)
-    config = replace(config, window_states=max(config.window_states, 1000))
-    tracking = TrackingTask(config, seed=0, method="map")
+    motion = {"process_noise_velocity": acceleration, "process_noise_position": jitter}
+    own = {**PAPER, **motion, "sigma_initial_velocity": SPEED, "wall_constraints": walls}
+    tracking = TrackingTask(map_config(own, 1000), seed=0, method="map")
     return Tracks.concat(p.tracks for p in track_batch([bearings], building(known=walls), batch_map.METHOD, tracking))
 
 
@@ -155,33 +134,8 @@ def _identified(seed: int) -> tuple[float, float]:
     rng, paths = _rng(seed, 0, FIT), []
     for _ in range(TRAINING):
         xy, _ = walk(rng)
-        paths.append(MeasuredPath(_times(len(xy))[::FIT_EVERY], xy[::FIT_EVERY]))
-    step_s, shape = FIT_EVERY * STEP_S, Shape("cv", "white", similar=True, noise=False)
-    fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=1e-3)
-    return fit.parameters["acceleration"], fit.parameters["jitter"]
-
-
-def _truth(xy: Floats) -> Truth:
-    """Table of true positions `xy` (T, 2) [m], at intervals of `STEP_S`."""
-    n = len(xy)
-    return Truth.of(
-        t_ns=_times(n),
-        target_id=np.zeros(n, dtype=np.int32),
-        role=np.full(n, "target"),
-        x=xy[:, 0],
-        y=xy[:, 1],
-        z=np.full(n, np.nan),
-    )
-
-
-def _times(n: int) -> Ints:
-    """Times (n,) of a walk [ns], from 0, at intervals of `STEP_S`."""
-    return np.asarray(np.rint(np.arange(n) * STEP_S * 1e9), dtype=np.int64)
-
-
-def _root_mean(squares: Floats, rows: Bools) -> float:
-    """Root of the mean of `squares` (n,) over the rows of a mask (n,); NaN if it has none."""
-    return math.sqrt(float(squares[rows].mean())) if rows.any() else math.nan
+        paths.append(MeasuredPath(times(len(xy), STEP_S)[::FIT_EVERY], xy[::FIT_EVERY]))
+    return fitted_motion(paths, FIT_EVERY * STEP_S)
 
 
 def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
@@ -192,15 +146,12 @@ def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
 def fig7(size: Size, execute: Execute) -> Table:
     """Table of the figures of every walk, by a method that knows no walls, as the paper's, and by one that does."""
     ways = {FREE: False, WALLED: True}
-    specs = [
-        {"walk": "rahimi", "seed": size.seed, "run": run, "walls": walls}
-        for walls in ways.values()
-        for run in range(size.runs)
-    ]
-    results = execute(specs)
+    found = v.run_trials(
+        ways, size, execute, lambda name, run: {"walk": "rahimi", "seed": size.seed, "run": run, "walls": ways[name]}
+    )
     return [
-        PaperRow(f"{name}, {key}", x, tuple(r[key] for r in results[i * size.runs : (i + 1) * size.runs]))
-        for i, name in enumerate(ways)
+        PaperRow(f"{name}, {key}", x, v.values_of(own, key))
+        for name, own in found
         for x, key in enumerate(FIGURES, start=1)
     ]
 

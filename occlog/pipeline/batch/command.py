@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
 
 from occlog.cli import options
-from occlog.pipeline.executors.options import job_settings, scheduler_options
+from occlog.pipeline.executors.options import executor_options, job_settings, number_of_workers
 
 
 @click.command(name="batch", short_help="Run the stages of a configuration on many recordings.")
@@ -17,13 +16,7 @@ from occlog.pipeline.executors.options import job_settings, scheduler_options
 @click.option(
     "-o", "--output", required=True, metavar="PATH", help="Folder of the results, or its URL; created if missing."
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of processes; results do not depend on it. [default: one per processor]",
-)
-@scheduler_options
+@executor_options
 @click.option(
     "--tables",
     default="tracks",
@@ -77,8 +70,7 @@ def command(
 
     from .run import BatchRequest, run_batch
 
-    if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
+    processes = number_of_workers(workers, scheduler)
     wanted = tuple(dict.fromkeys(name.strip() for name in tables.split(",") if name.strip()))
     kept = Cache((cache or default_folder()).absolute(), int(cache_limit * 1e9))
     request = BatchRequest(
@@ -86,7 +78,7 @@ def command(
         recordings=recordings,
         output=without_end(output),
         tables=wanted,
-        workers=workers or os.cpu_count() or 1,
+        workers=processes,
         scheduler=scheduler,
         jobs=job_settings(jobs, scheduler),
         force=force,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -18,8 +19,8 @@ JOB_FOLDER = "folder"
 """Setting of jobs that names the folder of their scripts and logs."""
 
 
-def scheduler_options(command: F) -> F:
-    """Add the options `--scheduler` and `--job`, which select where tasks are run."""
+def executor_options(command: F) -> F:
+    """Add the options `--workers`, `--scheduler` and `--job`, which select where tasks are run."""
     for option in (
         click.option(
             "--job",
@@ -35,9 +36,26 @@ def scheduler_options(command: F) -> F:
             help="Cluster to use instead of this machine: tcp://HOST:PORT (Dask), slurm, slurm-here (its jobs on this "
             "machine), ray or ray://HOST:PORT.",
         ),
+        click.option(
+            "--workers",
+            type=click.IntRange(min=1),
+            default=None,
+            help="Number of processes; results do not depend on it. [default: one per processor]",
+        ),
     ):
         command = option(command)
     return command
+
+
+def number_of_workers(workers: int | None, scheduler: str | None) -> int:
+    """Return the number of processes on this machine; by default one per processor.
+
+    Raises:
+        click.UsageError: a number, and a cluster, which has its own workers.
+    """
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
+    return workers or os.cpu_count() or 1
 
 
 def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:

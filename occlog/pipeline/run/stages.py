@@ -221,7 +221,8 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
     config, pictures = _images(config, recording)
-    yield _report(config, folder, out, metrics, {**shown, **pictures})
+    tables = {name: str(out[name]) for name in ("bearings", "diagnostics", "errors", "bound")}
+    yield _report(config, folder, out["tracks"], {**shown, **pictures, **tables, "metrics": str(metrics)})
     if OVERLAY in config.values:
         yield from _overlay(config, folder, recording, out["tracks"], {**scene, "diagnostics": str(out["diagnostics"])})
 
@@ -281,8 +282,7 @@ def _without_views(
         results = {"output": folder / "metrics.json", "errors": out["errors"]}
         yield _stage(config, "evaluate", results, (str(out["tracks"]),), {**shown, **diagnosed})
         shown |= {"errors": str(out["errors"]), "metrics": str(folder / "metrics.json")}
-    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
-    yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, **diagnosed})
+    yield _report(config, folder, out["tracks"], {**shown, **diagnosed})
 
 
 def _has_views(config: Config, recording: Path) -> bool:
@@ -383,11 +383,10 @@ def _all_people(
             plain = replace(config, values={k: v for k, v in config.values.items() if k != "evaluate"})
             stage = _stage(plain, "evaluate", in_images, (str(found["view_tracks"]),), compared)
             yield replace(stage, name="evaluate-in-images")
-    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     config, pictures = _images(config, recording)
     seen = {} if out["views"] == recording or "table" in config.values else {"bearings": str(out["bearings"])}
     given = {**shown, **pictures, **seen, "events": str(found["events"])}
-    yield _stage(config, "report", page, (str(out["tracks"]),), given)
+    yield _report(config, folder, out["tracks"], given)
     yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "ground_tracks": str(out["tracks"])})
 
 
@@ -415,8 +414,7 @@ def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes
         yield _stage(config, "evaluate", results, (str(tracks),), {"truth": truth["truth"]})
         shown["metrics"] = str(results["output"])
     config, pictures = _images(config, recording)
-    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
-    yield _stage(config, "report", page, (str(tracks),), {**shown, **pictures})
+    yield _report(config, folder, tracks, {**shown, **pictures})
     yield from _overlay(config, folder, recording, tracks, {})
 
 
@@ -517,11 +515,9 @@ def _images(config: Config, recording: Path) -> tuple[Config, dict[str, str]]:
     return config, {"images": str(recording)} if _has_video(config, recording) else {}
 
 
-def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> RunStage:
+def _report(config: Config, folder: Path, tracks: Path, inputs: dict[str, object]) -> RunStage:
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
-    names = ("bearings", "diagnostics", "errors", "bound")
-    results = {n: str(out[n]) for n in names}
-    return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **results, "metrics": str(metrics)})
+    return _stage(config, "report", page, (str(tracks),), inputs)
 
 
 def _stage(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -260,8 +259,3 @@ def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
     for reason, paths in reasons.items():
         more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
         yield f"not used: {', '.join(paths[:3])}{more}: {reason}"
-
-
-def counts(found: Survey) -> Counter[FileKind]:
-    """Return the number of items of each kind."""
-    return Counter(item.kind for item in found.items)

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
 
 from occlog.cli import options
-from occlog.pipeline.executors.options import job_settings, scheduler_options
+from occlog.pipeline.executors.options import executor_options, job_settings, number_of_workers
 
 
 @click.command(name="sweep", short_help="Run a Monte Carlo study over seeds and parameters, in parallel.")
 @click.argument("sweep", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; created if missing.")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of processes; results do not depend on it. [default: one per processor]",
-)
-@scheduler_options
+@executor_options
 @click.option(
     "--figures",
     default="rmse,rmse_occ,restart,bytes",
@@ -55,13 +48,12 @@ def command(
     """
     from .run import run_sweep
 
-    if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
+    processes = number_of_workers(workers, scheduler)
     wanted = tuple(name.strip() for name in figures.split(",") if name.strip())
     return run_sweep(
         sweep,
         output,
-        workers=workers or os.cpu_count() or 1,
+        workers=processes,
         scheduler=scheduler,
         jobs=job_settings(jobs, scheduler),
         figures=wanted,

@@ -21,7 +21,8 @@ def test_a_walk_is_as_the_paper_tells() -> None:
     assert 50.0 < len(xy) * walk.STEP_S < 65.0  # and takes about a minute
     legs = (part == len(walk.LOOP) + 2) | (part == len(walk.LOOP) + 3)
     assert np.median(np.abs(xy[legs, 0] - walk.CAMERAS[2][0])) < 1e-6  # along one bearing of camera 3
-    table = Bearings.concat(observe(walk.building(known=True), [walk._truth(xy)], ObserveConfig(diameter=0.0), 0))
+    truth = walk.truth_of(xy, walk.STEP_S)
+    table = Bearings.concat(observe(walk.building(known=True), [truth], ObserveConfig(diameter=0.0), 0))
     _, times = np.unique(table.t_ns[table.seen], return_counts=True)
     assert times.max() == 1  # views do not overlap
     assert set(table.sensor[table.seen].tolist()) == {"cam1", "cam2", "cam3", "cam4"}

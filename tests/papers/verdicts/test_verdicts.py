@@ -274,3 +274,34 @@ def test_wrong_verdicts_are_rare_whatever_the_error_bar(runs: int, error: float)
         better = PaperRow("", 0.0, tuple((1.0 + v.NEGLIGIBLE * 1.02 + noise).tolist()))
         wrong["pairs, true"] += v.pairs("p", "", [(low, better)]).verdict == v.NOT
     assert max(wrong.values()) <= 0.05 * trials, wrong
+
+
+def test_trials_of_a_point_come_with_the_point_in_the_order_of_runs() -> None:
+    """Trials of all points run at once; each point gets those of its own runs."""
+    given: list[dict[str, object]] = []
+
+    def execute(specs):
+        given.extend(specs)
+        return [{"x": 10.0 * spec["point"] + spec["run"]} for spec in specs]
+
+    found = v.run_trials((1, 2), v.Size(3, 5), execute, lambda point, run: {"point": point, "run": run})
+    assert [point for point, _ in found] == [1, 2]
+    assert [v.values_of(results, "x") for _, results in found] == [(10.0, 11.0, 12.0), (20.0, 21.0, 22.0)]
+    assert len(given) == 6
+
+
+def test_a_row_that_an_experiment_always_has_is_required() -> None:
+    """A missing row is a fault of the experiment, not an open verdict."""
+    table = [v.PaperRow("a", 1.0, (2.0,))]
+    assert v.row_of(table, "a", 1.0) is table[0]
+    with pytest.raises(KeyError):
+        v.row_of(table, "a", 2.0)
+
+
+def test_exact_statements_are_judged_by_their_quantity() -> None:
+    """Quantities without error decide every statement; rows are numbered from 1."""
+    statements = {k: v.ExactStatement(f"Statement {k}.", v.at_most(1.0), "at most 1") for k in ("low", "high")}
+    table = v.exact_rows(statements, {"low": 0.5, "high": 2.0})
+    assert [row.x for row in table] == [1, 2]
+    judged = v.judge_exactly(statements, table)
+    assert [(each.id, each.verdict) for each in judged] == [("low", v.REPRODUCED), ("high", v.NOT)]

@@ -25,7 +25,6 @@ from occlog.papers.verdicts import (
     StatementVerdict,
     Table,
     mean_of,
-    sample,
 )
 
 from ..trial import SQUARE, SQUARE_ORDER, Place
@@ -194,8 +193,7 @@ def _judge_occlusions(table: Table, own: Mapping[str, PaperRow]) -> list[Stateme
     statement = (
         "Eqs. 8 and 9 approximate p(eta): mean distance in total variation from the exact probabilities, 8 cameras."
     )
-    last = v.find(table, RECURSION, float(COUNTS[-1]))
-    far = sample(()) if last is None else mean_of(last)
+    far = mean_of(v.row_of(table, RECURSION, float(COUNTS[-1])))
     out.append(
         v.judge(
             "eq9",

@@ -128,13 +128,13 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
             "width",
             "Histograms depend on the width of the bins: the coefficient of two objects is lower with 256 bins than "
             "with 8 by this.",
-            [(two[-1], two[0])] if two else [],
+            [(two[-1], two[0])],
         ),
         v.pairs(
             "ends",
             f"Histograms depend on the end points of the bins: the coefficient of two objects in {WIDE} bins is "
             "higher by this when these move by half a bin, and no end point is between the objects any more.",
-            [(low, high) for low, high in [(v.find(table, MOVED, 0.0), v.find(table, MOVED, 0.5))] if low and high],
+            [(v.row_of(table, MOVED, 0.0), v.row_of(table, MOVED, 0.5))],
         ),
         *_biases(table),
     ]
@@ -150,8 +150,7 @@ def _nothing(table: Table, key: str, series: str, statement: str, paper: float |
         statement: text of the statement.
         paper: printed number; None: none.
     """
-    row = v.find(table, series)
-    most = max(row.values) if row is not None else float("nan")
+    most = max(v.row_of(table, series).values)
     return v.fact(
         key, statement, holds=most <= EXACT, measured=most, rule=f"at most {EXACT:g} in every run", paper=paper
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,22 +33,12 @@ GAIN, NOISE = 0.1, (1.5, 1.0)
 """Share by which the light of a candidate differs, and noise of pixels, common and of each colour."""
 DIFFERENT, ALIKE = "other skin and hair", "same skin and hair"
 KINDS = {"different": DIFFERENT, "alike": ALIKE}
-FRONT, POOLED = "front face only", "all sides together"
+POOLED = "all sides together"
 GALLERIES = (1, 2, 4, 7)
 """Numbers N of angles; 1 is the front."""
 KNOWN = (1, 2, 4)
 """Number of the seven angles, from the front on, in a gallery with suspended decisions."""
 ANYWAY, SUSPENDED, LEFT = "decided anyway", "suspended", "share that is suspended"
-
-
-class Heads(NamedTuple):
-    """Colour counts (P, A, S, m) of the heads of P people at A angles, in S images each, in m bins.
-
-    `angle` (A,) is the index of each angle, 0 (front) to N - 1 (back).
-    """
-
-    counts: Floats  # (P, A, S, m)
-    angle: Ints  # (A,) position of the angle, 0 (front) to N - 1
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
@@ -375,45 +365,34 @@ NOTE = (
     f"at any angle of the bin, on either side, in light that differs by up to {GAIN:.0%}. Steps are candidates of each "
     "person and angle."
 )
+_experiment = functools.partial(Experiment, runs=24, steps=4, quick=(4, 2), trial=faces_trial)
 FACES = (
-    Experiment(
+    _experiment(
         item="faces",
         title="Figs. 5-20 and 5-21: people distinguished by colours",
         x_label="number of bins",
         y_label="rank-1, AUC",
-        runs=24,
-        steps=4,
-        quick=(4, 2),
         compute=by_bins,
         judge=judge_bins,
-        trial=faces_trial,
         note=NOTE,
     ),
-    Experiment(
+    _experiment(
         item="angles",
         title="Figs. 5-22 and 5-23: faces from several angles",
         x_label="angles in the gallery",
         y_label="rank-1, AUC",
-        runs=24,
-        steps=4,
-        quick=(4, 2),
         compute=by_angles,
         judge=judge_angles,
-        trial=faces_trial,
         note=f"{NOTE} One angle is the front.",
         plans={"heads": heads},
     ),
-    Experiment(
+    _experiment(
         item="suspended",
         title="Sec. 5.2.1: decisions that wait for a known side",
         x_label="angles in the gallery, of seven, from the front on",
         y_label="share of false decisions",
-        runs=24,
-        steps=4,
-        quick=(4, 2),
         compute=by_suspension,
         judge=judge_suspension,
-        trial=faces_trial,
         note=NOTE,
     ),
 )

@@ -11,7 +11,7 @@ The array hears everywhere, so that I(k-1) of (3.14) is the number of tracks.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -187,13 +187,18 @@ def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Gene
 
 def changes(size: Size, execute: Execute) -> Table:
     """Table of the share of runs in which each trigger of [Lee] Sec. 3.3.3 fires, for every case of Fig. 3-8."""
-    specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee38"} for c in CHANGES for r in range(size.runs)]
-    results, rows = execute(specs), []
-    for n in range(len(CHANGES)):
-        own = results[n * size.runs : (n + 1) * size.runs]
-        for name, title in TITLES.items():
-            rows.append(PaperRow(title, n + 2.0, tuple(r[name] for r in own)))
-    return rows
+    return [
+        PaperRow(title, n, v.values_of(own, name))
+        for n, (_, own) in enumerate(_trials(CHANGES, "lee38", size, execute), start=2)
+        for name, title in TITLES.items()
+    ]
+
+
+def _trials(cases: Iterable[str], paper: str, size: Size, execute: Execute) -> list[tuple[str, list[dict[str, float]]]]:
+    """Run the trials of all cases; return each case with the figures of its runs."""
+    return v.run_trials(
+        cases, size, execute, lambda case, run: {"case": case, "seed": size.seed, "run": run, "paper": paper}
+    )
 
 
 TITLES = {
@@ -213,10 +218,8 @@ def judge_changes(table: Table) -> list[StatementVerdict]:
     """
     out = []
     for n, (letter, case) in enumerate(CHANGES.items()):
-        rows = {name: v.find(table, title, n + 2.0) for name, title in TITLES.items()}
+        rows = {name: v.row_of(table, title, n + 2.0) for name, title in TITLES.items()}
         count, either, after, before = (rows[name] for name in ("count", "either", "after", "before"))
-        if count is None or either is None or after is None or before is None:
-            continue
         statement = f"({letter}) {case.what}: (3.14) does not fire (share of the runs in which it does)."
         out.append(v.judge(f"fig3.8-{letter}", statement, exact(count.mean, count.runs), v.at_most(0.0), rule="0"))
         statement = f"({letter}) {case.what}: (3.15) or (3.16) fires in {WITHIN} steps (share of the runs)."
@@ -281,13 +284,11 @@ def sketch_trial(spec: Spec) -> dict[str, float]:
 
 def sketches(size: Size, execute: Execute) -> Table:
     """Table of the share of runs in which the triggers [Lee] Eqs. 3.15 and 3.16 fire in Figs. 3-10, 3-11 and 3-13."""
-    specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee313"} for c in SKETCHES for r in range(size.runs)]
-    results, rows = execute(specs), []
-    for n, figure in enumerate(SKETCHES):
-        own = results[n * size.runs : (n + 1) * size.runs]
-        x = float(figure.split(".")[1])
-        rows += [PaperRow(title, x, tuple(r[name] for r in own)) for name, title in CONDITIONS.items()]
-    return rows
+    return [
+        PaperRow(title, float(figure.split(".")[1]), v.values_of(own, name))
+        for figure, own in _trials(SKETCHES, "lee313", size, execute)
+        for name, title in CONDITIONS.items()
+    ]
 
 
 def judge_sketches(table: Table) -> list[StatementVerdict]:

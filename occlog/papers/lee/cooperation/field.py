@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
-from itertools import islice, pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -62,21 +63,16 @@ AVERAGE = 5.59
 
 def by_variance(size: Size, execute: Execute) -> Table:
     """Table of the RMSE against the variance without cameras: mean of the objects, and each one in the thesis' form."""
-    specs = [
-        cooperation_spec(size, r, "open", form, variance=max(x, LEAST_VARIANCE))
-        for form in FORMS.values()
-        for x in VARIANCES
-        for r in range(size.runs)
-    ]
-    results, rows = iter(execute(specs)), []
-    for name in FORMS:
-        for x in VARIANCES:
-            own = list(islice(results, size.runs))
-            rows.append(PaperRow(f"{MEAN}, {name}", x, tuple(r["rmse"] for r in own)))
-            if name == THESIS:
-                rows += [
-                    PaperRow(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own), plotted=False) for k in LARGEST_RMS
-                ]
+    rows = []
+    for (name, x), own in v.run_trials(
+        product(FORMS, VARIANCES),
+        size,
+        execute,
+        lambda p, run: cooperation_spec(size, run, "open", FORMS[p[0]], variance=max(p[1], LEAST_VARIANCE)),
+    ):
+        rows.append(PaperRow(f"{MEAN}, {name}", x, v.values_of(own, "rmse")))
+        if name == THESIS:
+            rows += [PaperRow(f"object {k}", x, v.values_of(own, f"rmse_{k}"), plotted=False) for k in LARGEST_RMS]
     return rows
 
 
@@ -92,10 +88,9 @@ def judge_variance(table: Table) -> list[StatementVerdict]:
         statement = f"With the largest variance the error is larger than with none ({name}) [m]."
         out.append(v.pairs(f"fig3.4-ends-{key}", statement, [(rows[0], rows[-1])] if rows else []))
     for k, value in LARGEST_RMS.items():
-        row = v.find(table, f"object {k}", LARGEST)
-        if row is not None:
-            statement = f"RMS error of object {k} with variance 5 (its path is lost; each run draws another) [m]."
-            out.append(v.stated(f"fig3.4-{k}", statement, value, mean_of(row)))
+        row = v.row_of(table, f"object {k}", LARGEST)
+        statement = f"RMS error of object {k} with variance 5 (its path is lost; each run draws another) [m]."
+        out.append(v.stated(f"fig3.4-{k}", statement, value, mean_of(row)))
     return out
 
 
@@ -115,21 +110,16 @@ def trials(
         scene: name of the environment.
         variance: variance of its noise [deg^2]; None: that of the scene.
     """
-    specs = [
-        cooperation_spec(size, r, scene, form, variance=variance, **s)
-        for _, form, _, s in points
-        for r in range(size.runs)
-    ]
-    results = execute(specs)
     rows = []
-    for n, (series, _, x, settings) in enumerate(points):
-        own = results[n * size.runs : (n + 1) * size.runs]
+    for (series, _, x, settings), own in v.run_trials(
+        points, size, execute, lambda p, run: cooperation_spec(size, run, scene, p[1], variance=variance, **p[3])
+    ):
         extra = {name: _mean([r[name] for r in own]) for name in (*FIGURES, "rmse_1", "rmse_2", "rmse_3")}
         extra["limit"] = float(settings.get("request_sigma", math.nan))
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
-        each = {f"alone_{c}": tuple(r[f"alone_{c}"] for r in own) for c in CONDITIONS}
+        each = {f"alone_{c}": v.values_of(own, f"alone_{c}") for c in CONDITIONS}
         x_value = extra["frames"] if math.isnan(x) else x
-        rows.append(PaperRow(series, x_value, tuple(r["rmse"] for r in own), extra, each=each))
+        rows.append(PaperRow(series, x_value, v.values_of(own, "rmse"), extra, each=each))
     return rows
 
 
@@ -173,10 +163,9 @@ def by_policy(size: Size, execute: Execute) -> Table:
 def judge_policy(table: Table) -> list[StatementVerdict]:
     """Verdicts on [Lee] Fig. 3-14: the error without cameras, what each trigger adds, whether triggers save frames."""
     out = []
-    none = v.find(table, f"{NONE}, {THESIS}")
-    if none is not None:
-        statement = "Without cameras the average error is 5.59 m."
-        out.append(v.stated("fig3.14-none", statement, AVERAGE, mean_of(none)))
+    none = v.row_of(table, f"{NONE}, {THESIS}")
+    statement = "Without cameras the average error is 5.59 m."
+    out.append(v.stated("fig3.14-none", statement, AVERAGE, mean_of(none)))
     for row in v.series(table, f"{PRINTED}, {THESIS}"):
         for cause, (equation, key) in CONDITIONS.items():
             statement = f"({equation}) asks where the other two conditions do not: requests of a run by it alone."
@@ -247,15 +236,15 @@ def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats
 
 def by_object(size: Size, execute: Execute) -> Table:
     """Table of the RMSE of each object, without cameras and with the printed triggers, and steps between requests."""
-    ways: list[tuple[str, Values]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
-    specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
-    results = execute(specs)
-    rows = []
-    for n, (name, _) in enumerate(ways):
-        own = results[n * size.runs : (n + 1) * size.runs]
+    ways: dict[str, Values] = {NONE: {}, PRINTED: {"cooperate": "printed"}}
+    rows: Table = []
+    asked: tuple[float, ...] = ()
+    for name, own in v.run_trials(
+        ways, size, execute, lambda name, run: cooperation_spec(size, run, "field", "thesis", **ways[name])
+    ):
         extra = {f: _mean([r[f] for r in own]) for f in FIGURES}
         rows += [PaperRow(name, float(k), tuple(r[f"rmse_{k}"] for r in own if f"rmse_{k}" in r), extra) for k in TABLE]
-    asked = tuple(size.steps / r["requests"] for r in results[size.runs :] if r["requests"])
+        asked = tuple(size.steps / r["requests"] for r in own if r["requests"])  # in the end those of PRINTED
     return [*rows, PaperRow(STEPS_BETWEEN, math.nan, asked, plotted=False)]
 
 
@@ -264,14 +253,13 @@ def judge_object(table: Table) -> list[StatementVerdict]:
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
         for k, values in TABLE.items():
-            row = v.find(table, name, float(k))
-            if row is not None and row.values and not math.isnan(row.mean):
+            row = v.row_of(table, name, float(k))
+            if row.values and not math.isnan(row.mean):
                 statement = f"RMS error of object {k} {text} [m]."
                 out.append(v.stated(f"table3.1-{k}-{n}", statement, values[n], mean_of(row)))
-    between = v.find(table, STEPS_BETWEEN)
-    if between is not None:
-        statement = "Average time between requests of the printed triggers, of any object [steps]."
-        out.append(v.stated("table3.1-period", statement, BETWEEN, mean_of(between)))
+    between = v.row_of(table, STEPS_BETWEEN)
+    statement = "Average time between requests of the printed triggers, of any object [steps]."
+    out.append(v.stated("table3.1-period", statement, BETWEEN, mean_of(between)))
     return out
 
 
@@ -283,57 +271,43 @@ OPEN_NOTE = (
     "Filter of the thesis with the weights put right. The paths of Fig. 3-4 are lost: each run draws paths from the "
     "printed starts; the sensor is at the origin."
 )
-FIG3_4 = Experiment(
+_experiment = functools.partial(Experiment, runs=100, steps=201, quick=(4, 80), trial=cooperation_trial)
+FIG3_4 = _experiment(
     item="fig3.4",
     title="Error against the variance of the noise, without cameras",
     x_label="variance [deg^2]",
     y_label="RMSE [m]",
-    runs=100,
-    steps=201,
-    quick=(4, 80),
     compute=by_variance,
     judge=judge_variance,
     note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} is used for 0.",
-    trial=cooperation_trial,
 )
-FIG3_6 = Experiment(
+FIG3_6 = _experiment(
     item="fig3.6",
     title="Error against the period of asking cameras",
     x_label="period [s]",
     y_label="RMSE [m]",
-    runs=100,
-    steps=201,
-    quick=(4, 80),
     compute=by_period,
     judge=judge_period,
     note=f"{OPEN_NOTE} The variance is 5 deg^2, as in Fig. 3-4(d); a frame is one picture of one camera.",
-    trial=cooperation_trial,
 )
-FIG3_14 = Experiment(
+FIG3_14 = _experiment(
     item="fig3.14",
     title="Error against frames asked for",
     x_label="frames asked for in 200 s",
     y_label="RMSE [m]",
     runs=30,
-    steps=201,
-    quick=(4, 80),
     compute=by_policy,
     judge=judge_policy,
     note=NOTE,
-    trial=cooperation_trial,
 )
-TABLE3_1 = Experiment(
+TABLE3_1 = _experiment(
     item="table3.1",
     title="Errors of the objects",
     x_label="object",
     y_label="RMSE [m]",
-    runs=100,
-    steps=201,
-    quick=(4, 80),
     compute=by_object,
     judge=judge_object,
     note=NOTE,
-    trial=cooperation_trial,
 )
 OPEN_EXPERIMENTS = (FIG3_4, FIG3_6)
 FIELD_EXPERIMENTS = (FIG3_14, TABLE3_1)

@@ -60,17 +60,16 @@ def errors(size: Size, execute: Execute) -> Table:
         for way in (REFERENCE, *PROJECTIONS, LINES)
         for spread in SPREADS
     ]
-    ways = (*PROJECTIONS, LINES)
-    specs = [
-        cooperation_spec(size, r, "pair", "thesis", projection="" if way == LINES else way, cooperate="printed")
-        for way in ways
-        for r in runs
-    ]
-    results = execute(specs)
-    for n, way in enumerate(ways):
-        own = results[n * size.runs : (n + 1) * size.runs]
+    for way, own in v.run_trials(
+        (*PROJECTIONS, LINES),
+        size,
+        execute,
+        lambda way, run: cooperation_spec(
+            size, run, "pair", "thesis", projection="" if way == LINES else way, cooperate="printed"
+        ),
+    ):
         extra = {"frames": math.fsum(r["frames"] for r in own) / size.runs}
-        rows.append(PaperRow(f"{TRACK}, {way}", math.nan, tuple(r["rmse"] for r in own), extra, plotted=False))
+        rows.append(PaperRow(f"{TRACK}, {way}", math.nan, v.values_of(own, "rmse"), extra, plotted=False))
     return rows
 
 
@@ -85,14 +84,13 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
     out = [v.pairs(key, statement, v.matched(table, low, high)) for key, statement, low, high in pairs]
     statement = "Ten passes of Eq. 5.39 are as good as crossed lines of sight."
     out.append(v.close("sec3.2.2-limit", statement, v.matched(table, OFTEN, LINES)))
-    lines = v.find(table, f"{TRACK}, {LINES}")
+    lines = v.row_of(table, f"{TRACK}, {LINES}")
     for key, way in (("once", ONCE), ("often", OFTEN)):
-        row = v.find(table, f"{TRACK}, {way}")
-        if row is not None and lines is not None:
-            statement = (
-                f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
-            )
-            out.append(v.pairs(f"sec3.2.2-track-{key}", statement, [(lines, row)]))
+        row = v.row_of(table, f"{TRACK}, {way}")
+        statement = (
+            f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
+        )
+        out.append(v.pairs(f"sec3.2.2-track-{key}", statement, [(lines, row)]))
     return out
 
 

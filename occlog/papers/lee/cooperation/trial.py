@@ -8,6 +8,7 @@ not state.)  Trials differ in the policy, the association, and the noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,25 +55,14 @@ FORMS: dict[str, dict[str, object]] = {
     "thesis": THESIS,
     "joint": {**THESIS, "association": "joint", "camera_fix": "update", "model_sojourn_s": 50.0},
 }
-SCENES: dict[str, dict[str, object]] = {
-    "open": {
-        "turn_acceleration": FIELD_ALPHA,
-        "process_noise_velocity": 0.01,
-        "sigma_initial_velocity": 0.2,
-        "max_frame_age_s": 0.5,
-    },
-    "field": {
-        "turn_acceleration": FIELD_ALPHA,
-        "process_noise_velocity": 0.01,
-        "sigma_initial_velocity": 0.2,
-        "max_frame_age_s": 0.5,
-    },
-    "pair": {
-        "turn_acceleration": FIELD_ALPHA,
-        "process_noise_velocity": 0.01,
-        "sigma_initial_velocity": 0.2,
-        "max_frame_age_s": 0.5,
-    },
+OUTSIDE = {
+    "turn_acceleration": FIELD_ALPHA,
+    "process_noise_velocity": 0.01,
+    "sigma_initial_velocity": 0.2,
+    "max_frame_age_s": 0.5,
+}
+SCENES: dict[str, Mapping[str, object]] = {
+    **dict.fromkeys(("open", "field", "pair"), OUTSIDE),
     "room": {
         "turn_acceleration": ROOM_ALPHA,
         "process_noise_velocity": 0.1,

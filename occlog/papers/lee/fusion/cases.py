@@ -76,18 +76,15 @@ def curves(size: Size, execute: Execute) -> Table:
     """
     variances = VARIANCES[::3] if size.quick else VARIANCES
     points = [(n, x) for n in PRINTED for x in variances]
-    specs: list[Spec] = [
-        {"kind": "lee-declaration", "detecting": n, "variance": x, "trials": size.steps, "seed": size.seed, "run": run}
-        for n, x in points
-        for run in range(size.runs)
+    common = {"kind": "lee-declaration", "trials": size.steps, "seed": size.seed}
+    # Of the fifteen curves the plot has the five of the printed rule; the others are in the table.
+    return [
+        PaperRow(f"N = {n}, {name}", x, v.values_of(own, key), plotted=key == "printed")
+        for (n, x), own in v.run_trials(
+            points, size, execute, lambda p, run: {**common, "detecting": p[0], "variance": p[1], "run": run}
+        )
+        for key, name in RULES.items()
     ]
-    results, rows = execute(specs), []
-    for i, (n, x) in enumerate(points):
-        own = results[i * size.runs : (i + 1) * size.runs]
-        for key, name in RULES.items():
-            # Of the fifteen curves the plot has the five of the printed rule; the others are in the table.
-            rows.append(PaperRow(f"N = {n}, {name}", x, tuple(r[key] for r in own), plotted=key == "printed"))
-    return rows
 
 
 def judge_curves(table: Table) -> list[StatementVerdict]:
@@ -251,11 +248,10 @@ def judge_case(name: str, table: Table) -> list[StatementVerdict]:
         out.append(
             v.printed(key, f"Value of the decision, {how}, from the printed W and P_1.", c.value, v.find(table, row))
         )
-    found = v.find(table, ITEMS[4])
+    found = v.row_of(table, ITEMS[4])
     statement = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
-    if found is not None:
-        right = v.above(0.0) if c.declared else v.at_most(0.0)
-        out.append(v.judge(f"{name}-declared", statement, exact(found.mean), right, rule="sign"))
+    right = v.above(0.0) if c.declared else v.at_most(0.0)
+    out.append(v.judge(f"{name}-declared", statement, exact(found.mean), right, rule="sign"))
     if c.value_plain is not None:
         statement = "Value of the decision by (4.3) without prior, by which the false object would be declared."
         out.append(v.printed(f"{name}-value-plain", statement, c.value_plain, v.find(table, ITEMS[6])))

@@ -117,7 +117,7 @@ NOTE = f"Reference room of 100 x 100; series: number of cameras, each of which m
 def rates(size: Size, execute: Execute) -> Table:
     """Table of detection and false alarm rates, before and after fusion, against the probability of a false report."""
     rows = []
-    for n, x, own in _done(size, execute, track=False):
+    for (n, x), own in _done(size, execute, track=False):
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("hidden_before", "hidden_after")}
         extra["nees_recovered"] = math.fsum(r["nees_recovered"] for r in own) / size.runs
         for key, what in RATES.items():
@@ -130,20 +130,19 @@ def errors(size: Size, execute: Execute) -> Table:
     """Table of the RMSE of the auxiliary particle filter against the false alarm probability."""
     return [
         PaperRow(f"{n}, {what}", x, tuple(r[key] for r in own))
-        for n, x, own in _done(size, execute, track=True)
+        for (n, x), own in _done(size, execute, track=True)
         for key, what in TRACKED.items()
     ]
 
 
-def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[int, float, list[dict[str, float]]]]:
+def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[tuple[int, float], list[dict[str, float]]]]:
     """Run all trials; return number of cameras, false alarm probability, and the figures of each run.
 
     `track`: the trials also track.
     """
     cameras = CAMERAS[1:2] if size.quick else CAMERAS
     points = [(n, x) for n in cameras for x in (FALSE[::2] if size.quick else FALSE)]
-    results = execute([_spec(size, run, n, x, track) for n, x in points for run in range(size.runs)])
-    return [(n, x, results[i * size.runs : (i + 1) * size.runs]) for i, (n, x) in enumerate(points)]
+    return v.run_trials(points, size, execute, lambda p, run: _spec(size, run, *p, track))
 
 
 def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec:

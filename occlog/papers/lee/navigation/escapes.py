@@ -27,9 +27,9 @@ from .forces import (
     always,
     collided,
     driven,
+    force_experiment,
     printed_drive,
     random_lines,
-    shown,
 )
 
 MOST = 300
@@ -117,12 +117,6 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:
     """Verdicts on the two escapes from oscillation ([Lee] Sec. 5.2.2): do they reach the goal, angles, distances."""
-
-    def of(step: str, radius: float) -> PaperRow:
-        row = v.find(table, name_of(step, radius) + ", printed angle")
-        assert row is not None
-        return row
-
     out = []
     for key, step, radius in (
         ("inside-0", "step 3.1", 0.0),
@@ -132,15 +126,16 @@ def judge_escapes(table: Table) -> list[StatementVerdict]:
         ("outside-0.2", "step 3.2", 0.2),
         ("outside-0.5", "step 3.2", 0.5),
     ):
-        row = of(step, radius)
+        row = v.row_of(table, name_of(step, radius) + ", printed angle")
         out.append(
-            shown(
+            v.fact(
                 f"fig5.29-{key}",
                 f"{step.capitalize()} leads the printed robot, r_r = r_o = {radius:g}, to its goal: least "
                 "distance of centres.",
-                row.extra[REACHED] > 0.0,
-                row.mean,
-                f"goal reached without a collision; {row.extra[DONE]:g} steps, and the radii sum to {2 * radius:g}",
+                holds=row.extra[REACHED] > 0.0,
+                measured=row.mean,
+                rule=f"goal reached without a collision; {row.extra[DONE]:g} steps, "
+                f"and the radii sum to {2 * radius:g}",
             )
         )
     for key, step in (("inside", "step 3.1"), ("outside", "step 3.2")):
@@ -149,7 +144,7 @@ def judge_escapes(table: Table) -> list[StatementVerdict]:
                 f"fig5.29-{key}-safe",
                 f"The maximum of theta_osc completely avoids the collision ({step}): share of robots that escape and "
                 "collide.",
-                v.find(table, HIT[step]),
+                v.row_of(table, HIT[step]),
                 0.0,
             )
         )
@@ -166,30 +161,30 @@ def judge_escapes(table: Table) -> list[StatementVerdict]:
         always(
             "fig5.30-distances",
             "d_osc is within (5.27) inside the region and within (5.28) outside it: share of oscillating steps.",
-            v.find(table, RANGES),
+            v.row_of(table, RANGES),
             1.0,
         ),
-        shown(
+        v.fact(
             "fig5.30-ranges",
             "The ends of (5.31) and (5.32) are the angles of (5.29) at the ends of (5.27) and (5.28), with arcsin.",
-            off < 1e-12,
-            off,
-            "largest |sin(theta) d_osc - r_r - r_o|: 0",
+            holds=off < 1e-12,
+            measured=off,
+            rule="largest |sin(theta) d_osc - r_r - r_o|: 0",
         ),
-        shown(
+        v.fact(
             "fig5.30-csc",
             "(5.30) to (5.32) as printed, with csc: the low end of (5.31) is below pi/2.",
-            printed < 0.5 * math.pi,
-            printed,
-            "for r_r = r_o = 0.2; below pi/2",
+            holds=printed < 0.5 * math.pi,
+            measured=printed,
+            rule="for r_r = r_o = 0.2; below pi/2",
             paper=0.5 * math.pi,
         ),
-        shown(
+        v.fact(
             "fig5.30-maximum",
             "The maximum of d_osc gives the maximum of theta_osc: the angle there less that at the minimum, step 3.2.",
-            angle_at(far, radii) > angle_at(near, radii),
-            angle_at(far, radii) - angle_at(near, radii),
-            "above 0 rad, for r_r = r_o = 0.2",
+            holds=angle_at(far, radii) > angle_at(near, radii),
+            measured=angle_at(far, radii) - angle_at(near, radii),
+            rule="above 0 rad, for r_r = r_o = 0.2",
         ),
     ]
 
@@ -203,15 +198,16 @@ def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
     for radius in RADII[1:]:
         name = name_of(step, radius)
         tried = [row for row in v.series(table, name) if row.extra[REACHED] > 0.0]
-        own = v.find(table, name + ", printed angle")
-        if tried and own is not None and own.extra[REACHED] > 0.0:
+        own = v.row_of(table, name + ", printed angle")
+        if tried and own.extra[REACHED] > 0.0:
             more.append(own.extra[DONE] - min(row.extra[DONE] for row in tried))
-    return shown(
+    return v.fact(
         f"fig5.29-{key}-shortest",
         f"The maximum of theta_osc supports the shortest path to the goal ({step}): steps more than by other angles.",
-        bool(more) and max(more) == 0.0,
-        max(more) if more else None,
-        f"no angle of the range takes fewer steps, for {len(more)} radii at which the printed angle leads to the goal",
+        holds=bool(more) and max(more) == 0.0,
+        measured=max(more) if more else None,
+        rule=f"no angle of the range takes fewer steps, for {len(more)} radii at which the printed angle leads to the "
+        "goal",
     )
 
 
@@ -269,7 +265,7 @@ def judge_near(table: Table) -> list[StatementVerdict]:
             f"near-{key}",
             f"(5.25) guarantees the prevention of collisions, {way}: share of robots up to {MAIN} off the line that "
             "collide.",
-            v.find(table, way, MAIN),
+            v.row_of(table, way, MAIN),
             0.0,
         )
         for key, way in (("equal", exact), ("inside", "tolerances, step 3.1"), ("outside", "tolerances, step 3.2"))
@@ -293,14 +289,11 @@ def judge_near(table: Table) -> list[StatementVerdict]:
 
 
 ESCAPE_EXPERIMENTS = (
-    Experiment(
+    force_experiment(
         item="fig5.29",
         title="Escapes from oscillation by other angles",
         x_label="angle [deg]",
         y_label="least distance of centres",
-        runs=10,
-        steps=400,
-        quick=(2, 100),
         compute=escapes,
         judge=judge_escapes,
         trial=escape_trial,

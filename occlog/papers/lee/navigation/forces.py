@@ -5,6 +5,7 @@ What the experiments of [Lee] Sec. 5.2.2 share: the printed example, robots on r
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,7 +25,7 @@ from occlog.core.navigation.forces import (
 )
 from occlog.core.navigation.steering import NearbyObstacles, SteeringState, StepRules, steer
 from occlog.papers import verdicts as v
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, estimate, mean_of
+from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.records.scene import Scene
 
 from .config import NavigateConfig
@@ -82,25 +83,7 @@ def collided(robots: Drive) -> Bools:
     return np.asarray(robots.end == End.COLLIDED)
 
 
-def shown(
-    key: str, statement: str, good: bool, measured: float | None, rule: str, paper: float | None = None
-) -> StatementVerdict:
-    """Verdict on a statement about a deterministic quantity.
-
-    Args:
-        key: id of the verdict.
-        statement: text of the statement.
-        good: whether it holds.
-        measured: quantity to show; None: none.
-        rule: how `good` was decided, in words.
-        paper: printed number; None: none.
-    """
-    return v.fact(key, statement, holds=good, measured=measured, rule=rule, paper=paper)
-
-
-def always(
-    key: str, statement: str, row: PaperRow | None, share: float, paper: float | None = None
-) -> StatementVerdict:
+def always(key: str, statement: str, row: PaperRow, share: float, paper: float | None = None) -> StatementVerdict:
     """Verdict on a statement that something always, or never, happens.
 
     Reproduced if the share over all trials is exactly that; not reproduced if it differs from it by more than
@@ -113,9 +96,8 @@ def always(
         share: what it must be, 0 or 1.
         paper: printed value; None: none.
     """
-    found = estimate(math.nan, math.nan, 0) if row is None else mean_of(row)
     return v.judge(
-        key, statement, found, v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper
+        key, statement, mean_of(row), v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper
     )
 
 
@@ -230,49 +212,49 @@ def judge_original(table: Table) -> list[StatementVerdict]:
     return [
         v.printed("fig5.26-zero", "The total force is zero at (8.9, 8.9).", 8.9, zero),
         v.printed("fig5.26-delta", "delta, the distance of zero force from the obstacle, is 1.27.", 1.27, delta),
-        shown(
+        v.fact(
             "fig5.26-negative",
             "The total forces from (14,14) to (8.9,8.9) are negative.",
-            negative == 1.0,
-            negative,
-            "share of points at distances of 0.01 down to (8.91,8.91)",
+            holds=negative == 1.0,
+            measured=negative,
+            rule="share of points at distances of 0.01 down to (8.91,8.91)",
         ),
-        shown(
+        v.fact(
             "fig5.26-attraction",
             "From the goal position (6,6), the attractive force is symmetrically exerted.",
-            _mirrored(pulls) < EXACT,
-            _mirrored(pulls),
-            "largest sum of forces at equal distances: 0",
+            holds=_mirrored(pulls) < EXACT,
+            measured=_mirrored(pulls),
+            rule="largest sum of forces at equal distances: 0",
         ),
-        shown(
+        v.fact(
             "fig5.26-repulsion",
             "From the obstacle position (8,8), the repulsive force is symmetrically exerted.",
-            _mirrored(pushes) < EXACT,
-            _mirrored(pushes),
-            "largest sum of forces at equal distances: 0",
+            holds=_mirrored(pushes) < EXACT,
+            measured=_mirrored(pushes),
+            rule="largest sum of forces at equal distances: 0",
         ),
-        shown(
+        v.fact(
             "fig5.26-path",
             "The robot moves toward the obstacle from (12,12), and passes (11,11), (10,10) and (9,9).",
-            np.allclose(positions[:4], expected, atol=EXACT),
-            float(np.abs(np.subtract(positions[:4], expected)).max()),
-            "largest deviation: 0",
+            holds=np.allclose(positions[:4], expected, atol=EXACT),
+            measured=float(np.abs(np.subtract(positions[:4], expected)).max()),
+            rule="largest deviation: 0",
         ),
-        shown(
+        v.fact(
             "fig5.26-collision",
             "From (9,9) it continuously moves toward the obstacle and collides with it at (8,8).",
-            len(positions) == 5
+            holds=len(positions) == 5
             and abs(positions[4] - 8.0) < EXACT
             and printed_drive(ORIGINAL)[1].end[0] == End.COLLIDED,
-            positions[-1],
-            "the path ends by a collision at (8,8)",
+            measured=positions[-1],
+            rule="the path ends by a collision at (8,8)",
             paper=8.0,
         ),
-        always("fig5.26-conditions", "Robots for which (5.16) to (5.18) hold collide.", v.find(table, DOOMED), 1.0),
+        always("fig5.26-conditions", "Robots for which (5.16) to (5.18) hold collide.", v.row_of(table, DOOMED), 1.0),
         always(
             "fig5.26-safe",
             "If delta is larger than s_r T_s, the collision is prevented: share that collides.",
-            v.find(table, SAFE),
+            v.row_of(table, SAFE),
             0.0,
         ),
     ]
@@ -330,78 +312,73 @@ def judge_prevention(table: Table) -> list[StatementVerdict]:
     robots = printed_drive(PREVENTION)[1]
     back = [9.0, 10.0, 9.0, 10.0][: len(positions) - 3]
     return [
-        shown(
+        v.fact(
             "fig5.27-back",
             "When the robot moves from (10,10) to (9,9), it moves back to (10,10), and the collision is avoided.",
-            abs(positions[4] - 10.0) < EXACT and not collided(robots)[0],
-            positions[4],
-            "the position after (9,9) is (10,10), without a collision",
+            holds=abs(positions[4] - 10.0) < EXACT and not collided(robots)[0],
+            measured=positions[4],
+            rule="the position after (9,9) is (10,10), without a collision",
             paper=10.0,
         ),
-        shown(
+        v.fact(
             "fig5.27-oscillation",
             "It moves back and forth between (9,9) and (10,10) and never reaches the goal.",
-            robots.end[0] == End.ENDLESS and np.allclose(positions[3:], back, atol=EXACT),
-            float(np.abs(np.subtract(positions[3:], back)).max()),
-            "position and force come back exactly; largest deviation of positions: 0",
+            holds=robots.end[0] == End.ENDLESS and np.allclose(positions[3:], back, atol=EXACT),
+            measured=float(np.abs(np.subtract(positions[3:], back)).max()),
+            rule="position and force come back exactly; largest deviation of positions: 0",
         ),
-        shown(
+        v.fact(
             "fig5.27-recognised",
             "The oscillation is recognised by (5.26).",
-            bool(robots.recognised[0] > 0),
-            float(robots.recognised[0]),
-            "steps at which it is recognised, with a tolerance of 0.05 on the cosine: above 0",
+            holds=bool(robots.recognised[0] > 0),
+            measured=float(robots.recognised[0]),
+            rule="steps at which it is recognised, with a tolerance of 0.05 on the cosine: above 0",
         ),
         always(
             "fig5.27-never",
             "With (5.24) a point robot in line with obstacle and goal never collides: share that does.",
-            v.find(table, GUARDED),
+            v.row_of(table, GUARDED),
             0.0,
         ),
         always(
             "fig5.27-radii",
             "(5.25) guarantees the prevention, in line and before an escape: share of robots of a size that collides.",
-            v.find(table, WIDE),
+            v.row_of(table, WIDE),
             0.0,
         ),
         always(
             "fig5.27-endless",
             "A robot that is prevented oscillates and never reaches its goal: share of robots.",
-            v.find(table, ENDLESS),
+            v.row_of(table, ENDLESS),
             1.0,
         ),
         always(
             "fig5.27-equality",
             "The condition of (5.24) is the equality of two unit vectors: share of aligned robots for which it holds "
             "in double precision.",
-            v.find(table, FIRED),
+            v.row_of(table, FIRED),
             1.0,
         ),
     ]
 
 
+force_experiment = functools.partial(Experiment, runs=10, steps=400, quick=(2, 100))
 FORCE_EXPERIMENTS = (
-    Experiment(
+    force_experiment(
         item="fig5.26",
         title="Forces along the diagonal of the printed example",
         x_label="x = y",
         y_label="force, away from the origin",
-        runs=10,
-        steps=400,
-        quick=(2, 100),
         compute=original_forces,
         judge=judge_original,
         trial=collision_trial,
         note="Shares are over robots on random lines through an obstacle, this many in each run.",
     ),
-    Experiment(
+    force_experiment(
         item="fig5.27",
         title="Total force with the prevention of collisions in line",
         x_label="x = y",
         y_label="force, away from the origin",
-        runs=10,
-        steps=400,
-        quick=(2, 100),
         compute=prevented_forces,
         judge=judge_prevention,
         trial=prevention_trial,

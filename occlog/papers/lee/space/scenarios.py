@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from occlog.papers.verdicts import (
     exact,
     mean_of,
 )
-from occlog.pipeline.sweep.trial import Values
+from occlog.pipeline.sweep.trial import Spec, Values
 
 from .worlds import AXIS_NAMES, bounds, space_spec, space_trial, world
 
@@ -77,22 +77,31 @@ def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
 
     In space and for each axis; the plot shows those in space.
     """
-    n = FEW if size.quick else PARTICLES
-    specs = [
-        space_spec(size, r, scenario, method=WAYS[w][0], particles=n, **WAYS[w][1])
-        for w in WAYS
-        for r in range(size.runs)
-    ]
-    results = execute(specs)
     rows, T = [], size.steps
-    for i, way in enumerate(WAYS):
-        own = results[i * size.runs : (i + 1) * size.runs]
+    for (way, _, _), own in _trials([(way, scenario, _particles(size)) for way in WAYS], size, execute):
         extra = {"xy_yz": math.fsum(r["xy_yz"] for r in own) / len(own)}
         square = np.array([[[r[f"{a}_{k}"] for k in range(T)] for r in own] for a in AXIS_NAMES])
         rows += _rows(way, square, extra)
     for name, bound in zip((DIRECT_BOUND, PLANES_BOUND), bounds(scenario, T), strict=True):
         rows += _rows(name, np.repeat(bound.T[:, None] ** 2, 2, axis=1), {})
     return rows
+
+
+def _trials(
+    points: Iterable[tuple[str, int, int]], size: Size, execute: Execute
+) -> list[tuple[tuple[str, int, int], list[dict[str, float]]]]:
+    """Run the trials of all points: way of `COUNTED_WAYS`, scenario and number of particles of a filter."""
+
+    def spec(point: tuple[str, int, int], run: int) -> Spec:
+        (method, settings), (_, scenario, particles) = COUNTED_WAYS[point[0]], point
+        return space_spec(size, run, scenario, method=method, particles=particles, **settings)
+
+    return v.run_trials(points, size, execute, spec)
+
+
+def _particles(size: Size) -> int:
+    """Number of particles of a filter in this form of an experiment."""
+    return FEW if size.quick else PARTICLES
 
 
 def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
@@ -113,10 +122,10 @@ def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
 
 def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
     """Verdicts on one of the four scenarios ([Lee] Secs. 2.4 and 2.5): PPS against the direct method, and bounds."""
-    overall = {
-        name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
+    found = {
+        name: [v.row_of(table, f"{name} {a} overall") for a in AXIS_NAMES]
+        for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
     }
-    found = {name: [r for r in rows if r is not None] for name, rows in overall.items()}
     key = f"scenario{scenario}"
     better = "The method PPS outperforms the direct method: difference of the RMSE [m], axis by axis"
     return [
@@ -195,23 +204,16 @@ def particles_table(size: Size, execute: Execute) -> Table:
     counts = COUNTS[:2] if size.quick else COUNTS
     points = [(way, n) for way in COUNTED_WAYS for n in counts]
     numbers = (1, 2, 3, 4)
-    specs = [
-        space_spec(size, r, s, method=COUNTED_WAYS[way][0], particles=n, **COUNTED_WAYS[way][1])
-        for way, n in points
-        for s in numbers
-        for r in range(size.runs)
-    ]
-    results, rows = iter(execute(specs)), []
-    floor = [float(np.mean(np.sum(bounds(s, size.steps)[0] ** 2, axis=1))) for s in numbers]
-    for way, n in points:
-        shares = np.zeros(size.runs)
-        for s in range(len(numbers)):
-            for r in range(size.runs):
-                own = next(results)
-                square = math.fsum(own[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps))
-                shares[r] += square / size.steps / floor[s] / len(numbers)
-        rows.append(PaperRow(way, float(n), root_mean(shares)))
-    return rows
+    shares = {point: np.zeros(size.runs) for point in points}
+    floor = {s: float(np.mean(np.sum(bounds(s, size.steps)[0] ** 2, axis=1))) for s in numbers}
+    for (way, s, n), own in _trials([(way, s, n) for way, n in points for s in numbers], size, execute):
+        shares[way, n] += np.array(_mean_squares(own, size.steps)) / floor[s] / len(numbers)
+    return [PaperRow(way, float(n), root_mean(shares[way, n])) for way, n in points]
+
+
+def _mean_squares(results: Iterable[Mapping[str, float]], steps: int) -> list[float]:
+    """Mean square error in space of each trial over its instants [m^2]."""
+    return [math.fsum(r[f"{a}_{k}"] for a in AXIS_NAMES for k in range(steps)) / steps for r in results]
 
 
 def judge_particles(table: Table) -> list[StatementVerdict]:
@@ -250,30 +252,20 @@ def judge_particles(table: Table) -> list[StatementVerdict]:
 
 def sensors_table(size: Size, execute: Execute) -> Table:
     """Table of the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
-    n = FEW if size.quick else PARTICLES
-    rows = []
-    points = [(way, s) for way in WAYS for s in (3, 4)]
-    specs = [
-        space_spec(size, r, s, method=WAYS[w][0], particles=n, **WAYS[w][1])
-        for w, s in points
-        for r in range(size.runs)
+    points = [(way, s, _particles(size)) for way in WAYS for s in (3, 4)]
+    return [
+        PaperRow(way, float(s - 2), root_mean(_mean_squares(own, size.steps)))
+        for (way, s, _), own in _trials(points, size, execute)
     ]
-    results = execute(specs)
-    for i, (way, s) in enumerate(points):
-        own = results[i * size.runs : (i + 1) * size.runs]
-        square = [math.fsum(r[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps)) / size.steps for r in own]
-        rows.append(PaperRow(way, float(s - 2), root_mean(square)))
-    return rows
 
 
 def judge_sensors(table: Table) -> list[StatementVerdict]:
     """Verdicts on the statement of [Lee] Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:
-        one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)
-        if one is not None and two is not None:
-            statement = f"Two arrays give a lower error than one (Figs. 2-12, 2-13; {way}): difference of the RMSE [m]."
-            out.append(v.pairs(f"sensors-{way.replace(' ', '-')}", statement, [(two, one)]))
+        one, two = v.row_of(table, way, 1.0), v.row_of(table, way, 2.0)
+        statement = f"Two arrays give a lower error than one (Figs. 2-12, 2-13; {way}): difference of the RMSE [m]."
+        out.append(v.pairs(f"sensors-{way.replace(' ', '-')}", statement, [(two, one)]))
     return out
 
 
@@ -285,45 +277,36 @@ def _time(k: int) -> float:
     return round(0.1 * k, 6)
 
 
+_experiment = functools.partial(Experiment, runs=100, steps=50, quick=(3, 20), trial=space_trial)
+
+
 def _scenario(number: int) -> Experiment:
-    return Experiment(
+    return _experiment(
         item=f"scenario{number}",
         title=f"Errors and bounds in scenario {number}",
         x_label="time [s]",
         y_label="RMSE in space [m]",
-        runs=100,
-        steps=50,
-        quick=(3, 20),
         compute=functools.partial(scenario_table, number),
         judge=functools.partial(judge_scenario, number),
         note=f"{PARTICLES} particles, for PPS in each plane. Errors along x, y and z are in the table.",
-        trial=space_trial,
     )
 
 
 SCENARIOS = tuple(_scenario(number) for number in (1, 2, 3, 4))
-COUNTED = Experiment(
+COUNTED = _experiment(
     item="particles",
     title="Particles against error, scenarios 1 to 4",
     x_label="particles of a filter",
     y_label="RMSE to the direct bound",
-    runs=100,
-    steps=50,
-    quick=(3, 20),
     compute=particles_table,
     judge=judge_particles,
     note="PPS has this many in each plane. Copies: resampled particles are not moved (`kernel=0`).",
-    trial=space_trial,
 )
-SENSORS = Experiment(
+SENSORS = _experiment(
     item="sensors",
     title="One array and two",
     x_label="arrays",
     y_label="RMSE in space [m]",
-    runs=100,
-    steps=50,
-    quick=(3, 20),
     compute=sensors_table,
     judge=judge_sensors,
-    trial=space_trial,
 )

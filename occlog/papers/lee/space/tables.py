@@ -7,6 +7,7 @@ import math
 
 from occlog.papers import verdicts as v
 from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
+from occlog.pipeline.sweep.trial import Spec
 
 from .scenarios import root_mean
 from .worlds import AXIS_NAMES, TABLE, space_spec, space_trial
@@ -32,18 +33,18 @@ def table_of(name: str, size: Size, execute: Execute) -> Table:
 
     The printed rule selects the planes.
     """
-    rule = {"selection": "printed"}
-    specs = []
-    for method, settings in WAYS.values():
-        own = {**rule, **settings, "wrong": name == "2.2"} if method == "pps" else settings
-        specs += [space_spec(size, r, TABLE, method=method, particles=PARTICLES, **own) for r in range(size.runs)]
-    results, rows = execute(specs), []
-    for i, way in enumerate(WAYS):
-        own_results = results[i * size.runs : (i + 1) * size.runs]
-        extra = {"xy_yz": math.fsum(r["xy_yz"] for r in own_results) / size.runs}
+
+    def spec(way: str, run: int) -> Spec:
+        method, settings = WAYS[way]
+        own = {"selection": "printed", **settings, "wrong": name == "2.2"} if method == "pps" else settings
+        return space_spec(size, run, TABLE, method=method, particles=PARTICLES, **own)
+
+    rows = []
+    for way, results in v.run_trials(WAYS, size, execute, spec):
+        extra = {"xy_yz": math.fsum(r["xy_yz"] for r in results) / size.runs}
         parts = []
         for j, a in enumerate(AXIS_NAMES):
-            square = [math.fsum(r[f"{a}_{k}"] for k in range(size.steps)) / size.steps for r in own_results]
+            square = [math.fsum(r[f"{a}_{k}"] for k in range(size.steps)) / size.steps for r in results]
             parts.append(root_mean(square))
             rows.append(PaperRow(way, j + 1.0, parts[-1], extra))
         rows.append(PaperRow(way, MEAN, tuple(sum(p) / 3.0 for p in zip(*parts, strict=True)), extra))
@@ -54,30 +55,24 @@ def judge_table(name: str, table: Table) -> list[StatementVerdict]:
     """Verdicts on [Lee] Table 2.1 or 2.2 (`name`): how ways to combine planes compare, and the printed errors."""
     key = f"table{name}"
     out = []
-    y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]
-    pairs = [(a, b) for a, b in y if a is not None and b is not None]
+    weighted, equal, inverse = (v.row_of(table, way, 2.0) for way in (WEIGHTED, EQUAL, INVERSE))
     if name == "2.1":
         statement = "With right models both combinations are equal: difference of the RMSE of y [m]."
-        out.append(v.close(f"{key}-alike", statement, pairs))
+        out.append(v.close(f"{key}-alike", statement, [(weighted, equal)]))
     else:
         statement = (
             "With a wrong model in one plane for 50 s the weights by planes keep the track: RMSE of y lower by [m]."
         )
-        out.append(v.pairs(f"{key}-weighted", statement, pairs))
+        out.append(v.pairs(f"{key}-weighted", statement, [(weighted, equal)]))
         statement = (
             "Inverse variances do not notice a wrong model (of this project): RMSE of y lower with weights by planes."
         )
-        other = v.find(table, INVERSE, 2.0)
-        if other is not None and pairs:
-            out.append(v.pairs(f"{key}-inverse", statement, [(pairs[0][0], other)]))
+        out.append(v.pairs(f"{key}-inverse", statement, [(weighted, inverse)]))
     for way, printed in PRINTED[name].items():
         for j, value in enumerate(printed):
-            row = v.find(table, way, j + 1.0)
-            if row is not None:
-                statement = (
-                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the initial spread of the filters is not in the thesis)."
-                )
-                out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", statement, value, mean_of(row)))
+            row = v.row_of(table, way, j + 1.0)
+            statement = f"RMSE of {AXIS_NAMES[j]} [m], {way} (the initial spread of the filters is not in the thesis)."
+            out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", statement, value, mean_of(row)))
     return out
 
 

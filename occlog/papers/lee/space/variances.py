@@ -165,10 +165,9 @@ def judge(table: Table) -> list[StatementVerdict]:
     points = []
     for row in table:
         if row.series.endswith(FIRST):
-            drawn = v.find(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
-            if drawn is not None:
-                off = estimate(drawn.mean / row.mean - 1.0, drawn.error / row.mean, drawn.runs)
-                points.append(v.StatementPoint(off, v.Interval(-SAME, SAME)))
+            drawn = v.row_of(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
+            off = estimate(drawn.mean / row.mean - 1.0, drawn.error / row.mean, drawn.runs)
+            points.append(v.StatementPoint(off, v.Interval(-SAME, SAME)))
     statement = (
         f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(points)} points."
     )
@@ -184,9 +183,8 @@ def judge(table: Table) -> list[StatementVerdict]:
         ),
     }
     for name, (text, limit) in statements.items():
-        share_row = v.find(table, f"share wrong: {name}")
-        if share_row is not None:
-            out.append(_rarely(f"variances-{name}", text, mean_of(share_row), limit))
+        share_row = v.row_of(table, f"share wrong: {name}")
+        out.append(_rarely(f"variances-{name}", text, mean_of(share_row), limit))
     never = share_of(round(xy_is_worst(0) * DIRECTIONS), DIRECTIONS)
     statement = "xy always is the second best plane: share of directions where it is the worst one."
     return [*out, _rarely("variances-xy", statement, never, 0.01)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from itertools import pairwise
 
 from occlog.papers import verdicts as v
@@ -147,16 +148,14 @@ def judge_hops(table: Table) -> list[StatementVerdict]:
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):
-            low = v.find(table, f"sbvc, {kind}", float(scenario))
-            high = v.find(table, f"rbvc, {kind}", float(scenario))
-            if low is not None and high is not None:
-                statement = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
-                key = f"hops-{scenario}-{kind.split()[0]}"
-                out.append(_ordered(key, statement, [high.mean - low.mean], "difference"))
-        air = [v.find(table, f"{p}, {AIR}", float(scenario)) for p in PROTOCOLS]
-        if air[0] is not None and air[1] is not None:
-            statement = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
-            out.append(_ordered(f"hops-{scenario}-sum", statement, [air[0].mean - air[1].mean], "difference"))
+            low = v.row_of(table, f"sbvc, {kind}", float(scenario))
+            high = v.row_of(table, f"rbvc, {kind}", float(scenario))
+            statement = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
+            key = f"hops-{scenario}-{kind.split()[0]}"
+            out.append(_ordered(key, statement, [high.mean - low.mean], "difference"))
+        air = [v.row_of(table, f"{p}, {AIR}", float(scenario)) for p in PROTOCOLS]
+        statement = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
+        out.append(_ordered(f"hops-{scenario}-sum", statement, [air[0].mean - air[1].mean], "difference"))
     return out
 
 
@@ -176,28 +175,23 @@ def _ordered(key: str, statement: str, gaps: list[float], of: str) -> StatementV
     )
 
 
+_experiment = functools.partial(Experiment, runs=1, steps=1, quick=(1, 1))
 TRAFFIC_EXPERIMENTS = (
-    Experiment(
+    _experiment(
         item="traffic",
         title="End-to-end delays of RBVC and SBVC",
         x_label="size of an image [kB]",
         y_label="delay [s]",
-        runs=1,
-        steps=1,
-        quick=(1, 1),
         compute=end_to_end,
         judge=judge_end_to_end,
         note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not give its settings of NS-2, so "
         "that only orderings are judged. Plotted: links that share one channel.",
     ),
-    Experiment(
+    _experiment(
         item="traffic-hops",
         title="Hop-by-hop delays of RBVC and SBVC",
         x_label="scenario",
         y_label="mean delay of a hop [s]",
-        runs=1,
-        steps=1,
-        quick=(1, 1),
         compute=hop_by_hop,
         judge=judge_hops,
         note="Images of 40 kB, a tenth of the objects, one channel; printed delays are in the table.",

@@ -328,7 +328,7 @@ class NetworkSimulation:
 DETECTION, ASSIGNED, ACOUSTIC = "RFID detection data", "assigned object data", "acoustic sensing data"
 VISUAL, FINAL, ESTIMATE = "visual sensing data", "final estimation data", "estimation based on acoustic sensors"
 KINDS = (DETECTION, ASSIGNED, ACOUSTIC, VISUAL, ESTIMATE, FINAL)
-RBVC, SBVC = "rbvc", "sbvc"
+RBVC = "rbvc"
 
 
 class Cycle(NamedTuple):

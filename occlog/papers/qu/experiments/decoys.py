@@ -13,8 +13,8 @@ import numpy as np
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
 from occlog.papers.qu.staged import staged_paths
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
@@ -39,14 +39,13 @@ MAY = 10.0
 
 def decoys(size: Size, execute: Execute) -> Table:
     """Table of the runs in which the diverted tracker is on a wrong target at the end [%]; x is the scene, from 1."""
-    results = execute([_spec(size, run, scene) for scene in SCENES for run in range(size.runs)])
+    found = v.run_trials(SCENES, size, execute, lambda scene, run: _spec(size, run, scene))
     rows = []
     for label in METHODS:
-        for k, name in enumerate(SCENES.values()):
-            own = results[k * size.runs : (k + 1) * size.runs]
+        for x, (scene, own) in enumerate(found, start=1):
             wrong = tuple(100.0 * r[f"{label}.diverted_end_other"] for r in own)
             none = sum(100.0 * r[f"{label}.diverted_end_none"] for r in own) / size.runs
-            rows.append(PaperRow(f"{label}, others {name}", k + 1.0, wrong, {"on none": none}))
+            rows.append(PaperRow(f"{label}, others {SCENES[scene]}", float(x), wrong, {"on none": none}))
     return rows
 
 
@@ -74,11 +73,9 @@ def judge_decoys(table: Table) -> list[StatementVerdict]:
     """Verdicts on whether trackers of CMCT attach to wrong targets near the epipolar line, and those of BMCT less."""
     out = []
     on, off = (f"others {name}" for name in SCENES.values())
-    bmct = v.find(table, f"BMCT, {on}")
+    bmct = v.row_of(table, f"BMCT, {on}")
     for key, label in zip(("own", "wide"), list(METHODS)[:2], strict=True):
-        wrong, free = v.find(table, f"{label}, {on}"), v.find(table, f"{label}, {off}")
-        if wrong is None or free is None or bmct is None:
-            continue
+        wrong, free = v.row_of(table, f"{label}, {on}"), v.row_of(table, f"{label}, {off}")
         statement = f"{label} may attach to wrong targets near the epipolar line: share of trackers after a loss [%]."
         rule = f"at least {MAY:g} %; in part half of that"
         out += [
@@ -94,7 +91,7 @@ def judge_decoys(table: Table) -> list[StatementVerdict]:
     return out
 
 
-DECOYS = Experiment(
+DECOYS = views_experiment(
     item="cmct",
     title="Wrong targets near the epipolar line",
     x_label="others: 1 on the line, 2 off the line",
@@ -104,7 +101,6 @@ DECOYS = Experiment(
     quick=(2, 40),
     compute=decoys,
     judge=judge_decoys,
-    trial=run_views_trial,
     note="Four balls side by side that never touch; a tracker is put on the wall, nearest to a wrong one.",
 )
 """The statement on CMCT of Sec. 4.2."""

@@ -16,20 +16,18 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import everywhere, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, bootstrapped
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, bootstrapped
 from occlog.pipeline.sweep.trial import Spec, Values
 
-BMCT, MCMC = "BMCT", "MCMC"
-VIEWS = 2
+from .table2 import BMCT, MCMC, PRINTED, VIEWS
+
 WORSE = 2.0
 """Failures [%] above those with the most particles that do not count as a significant degradation."""
 FOLLOWED = 20.0
 """Failures [%] with the most particles above which the targets count as lost, so that none suffice."""
 LINEAR = 1.3
 """Largest exponent of the number of targets that counts as linear; as in Table 2 by effective samples."""
-PRINTED = {MCMC: {4: 500.0, 5: 1100.0, 6: 2800.0}, BMCT: {4: 400.0, 5: 500.0, 6: 600.0}}
-"""Total particles by number of targets, as printed."""
 TRIED = {MCMC: (6, 12, 25, 50, 100, 200, 400), BMCT: (6, 12, 25, 50, 100, 200)}
 """Particles of a view for each target: a tracker's, and the joint filter's over the targets."""
 QUICK = {MCMC: (6, 25), BMCT: (12, 50)}
@@ -53,11 +51,10 @@ class FailureCurve(NamedTuple):
 def failure_rates(size: Size, execute: Execute) -> Table:
     """Table of FR_p + FR_l [%] against the total number of particles, for each filter and number of targets."""
     counts, tried = ((4, 6), QUICK) if size.quick else ((4, 5, 6, 8), TRIED)
-    results = execute([_spec(size, run, n, tried) for n in counts for run in range(size.runs)])
+    found = v.run_trials(counts, size, execute, lambda n, run: _spec(size, run, n, tried))
     rows = []
     for name, numbers in tried.items():
-        for i, n in enumerate(counts):
-            own = results[i * size.runs : (i + 1) * size.runs]
+        for n, own in found:
             for k in numbers:
                 each = {q: tuple(100.0 * r[f"{name}-{k}.{q}"] for r in own) for q in ("fr_p", "fr_l")}
                 both = tuple(a + b for a, b in zip(each["fr_p"], each["fr_l"], strict=True))
@@ -175,17 +172,14 @@ def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
     return [] if verdict is None else [verdict]
 
 
-FAILURES = Experiment(
+FAILURES = views_experiment(
     item="table2-rates",
     title="Particles that suffice, by failure rates",
     x_label="particles of all trackers in both views",
     y_label="false positions and false labels [%]",
-    runs=12,
-    steps=400,
     quick=(2, 12),
     compute=failure_rates,
     judge=judge_failures,
-    trial=run_views_trial,
     note=f"Suffices: within {WORSE:g} % of the failures with the most particles tried, in the mean over the videos.",
 )
 """Table 2 by the criterion of Sec. 4.4.3."""

@@ -14,9 +14,9 @@ from occlog.papers import verdicts as v
 from occlog.papers.plots import EpipolarLine, FigureImage, Mark, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
 from occlog.papers.qu.tracker_runs import FollowedFrame, follow
-from occlog.papers.qu.trial import run_views_trial, runner_of
+from occlog.papers.qu.trial import runner_of, views_experiment
 from occlog.papers.qu.world import geometry_of
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of, share_of
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, mean_of, share_of
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
 from occlog.track.methods.images.interface import TrackerOutlines
@@ -162,17 +162,14 @@ def judge7(table: Table) -> list[StatementVerdict]:
     ]
 
 
-FIG7 = Experiment(
+FIG7 = views_experiment(
     item="fig7",
     title="What happens to the trackers",
     x_label="frame",
     y_label="trackers off their target [%]",
-    runs=12,
-    steps=400,
     quick=(2, 50),
     compute=fig7,
     judge=judge7,
-    trial=run_views_trial,
     plans={"frames": fig7_shots},
     note="The same videos; balls that no camera sees count, too.",
 )

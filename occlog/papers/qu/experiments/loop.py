@@ -19,10 +19,9 @@ import numpy as np
 
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import LITTLE, RATES, ordered, rate_row, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.qu.trial import views_experiment, views_spec
 from occlog.papers.verdicts import (
     Execute,
-    Experiment,
     PaperRow,
     Size,
     StatementVerdict,
@@ -132,9 +131,7 @@ def judge_loop(table: Table) -> list[StatementVerdict]:
     """Verdicts on what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
     out = [*_noticed(table), *_alarms(table)]
     for rate, name in RATES.items():
-        idmot, right = v.find(table, f"{IDMOT}, {name}"), v.find(table, f"{BMCT}, {name}", 0.0)
-        if idmot is None or right is None:
-            continue
+        idmot, right = v.row_of(table, f"{IDMOT}, {name}"), v.row_of(table, f"{BMCT}, {name}", 0.0)
         statement = f"With the right lines the rate of {name} of BMCT is below that of IDMOT, by [%]."
         out.append(ordered(f"loop-{rate}-right", statement, right, idmot))
         wrong = [r for r in v.series(table, f"{BMCT}, {name}") if r.x > 0]
@@ -145,10 +142,8 @@ def judge_loop(table: Table) -> list[StatementVerdict]:
 
 def _noticed(table: Table) -> list[StatementVerdict]:
     """Verdict on whether exchanged trackers are noticed, or back, within `WITHIN` frames; empty without such rows."""
-    over = v.find(table, OVER)
-    noticed = next((r for r in table if r.series.startswith("frames until a wrong tracker")), None)
-    if over is None or noticed is None:
-        return []
+    over = v.row_of(table, OVER)
+    noticed = next(r for r in table if r.series.startswith("frames until a wrong tracker"))
     statement = (
         f"A tracker that was put on another target is noticed, or finds back, within {WITHIN} frames: share of them "
         f"(noticed: {noticed.extra['share']:.0%}, those after a median of {noticed.extra['median']:.3g} frames)."
@@ -198,17 +193,15 @@ def _not_inferior(rate: str, name: str, idmot: PaperRow, wrong: Sequence[PaperRo
     return v.judge_points(f"loop-{rate}-not-inferior", statement, points, rule=rule, paper=0.0, shown=worst)
 
 
-LOOP = Experiment(
+LOOP = views_experiment(
     item="loop",
     title="Wrong trackers and wrong epipolar lines (of this project)",
     x_label="shift of the epipolar lines [px]",
     y_label="rate [%]",
     runs=8,
-    steps=400,
     quick=(2, 40),
     compute=loop,
     judge=judge_loop,
-    trial=run_views_trial,
     note="The synthetic video; lines across: IDMOT, which uses no other view.",
 )
 
@@ -231,9 +224,7 @@ def judge_sweeps(table: Table) -> list[StatementVerdict]:
     """Verdicts on whether a second sweep helps, and whether more than two gain nothing."""
     out = []
     for rate, name in RATES.items():
-        once, twice, often = (v.find(table, name, float(n)) for n in SWEEPS)
-        if once is None or twice is None or often is None:
-            continue
+        once, twice, often = (v.row_of(table, name, float(n)) for n in SWEEPS)
         statement = f"Iterating gives better estimates: rate of {name} with two sweeps below that with one, by [%]."
         out.append(ordered(f"sweeps-{rate}-helps", statement, twice, once))
         statement = f"Twice is enough: rate of {name} with two sweeps above that with four, by [%]."
@@ -243,16 +234,13 @@ def judge_sweeps(table: Table) -> list[StatementVerdict]:
     return out
 
 
-SWEEPING = Experiment(
+SWEEPING = views_experiment(
     item="sweeps",
     title="Iterating between the views",
     x_label="sweeps over the views",
     y_label="rate [%]",
-    runs=12,
-    steps=400,
     quick=(2, 40),
     compute=sweeps,
     judge=judge_sweeps,
-    trial=run_views_trial,
     note="Six balls of radius 22 px, two views, BMCT.",
 )

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, mean_of
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, mean_of
 from occlog.pipeline.sweep.trial import Spec
 
 SHOWN = ("mipf", "idmot", "bmct")
@@ -56,15 +56,14 @@ DIRECTION, LINE, ROW = (CASES[0],), CASES[3:5], CASES[6:]
 
 def mechanisms(size: Size, execute: Execute) -> Table:
     """Table of the trackers off their own target at the end [%], with the shares of those on the other and on none."""
-    results = execute([_spec(size, run, case) for case in CASES for run in range(size.runs)])
+    found = v.run_trials(CASES, size, execute, lambda case, run: _spec(size, run, case))
     rows = []
     for m in SHOWN:
-        for k, case in enumerate(CASES):
-            own = results[k * size.runs : (k + 1) * size.runs]
+        for x, (case, own) in enumerate(found, start=1):
             values = tuple(100.0 * (1.0 - r[f"{m}.pair_end_own"]) for r in own)
             each = {name: tuple(100.0 * r[f"{m}.pair_{key}"] for r in own) for key, name in ENDS.items()}
-            extra = {name: sum(x) / len(x) for name, x in each.items()}
-            rows.append(PaperRow(f"{m.upper()}: {case.label}", k + 1.0, values, extra, each=each))
+            extra = {name: sum(shares) / len(shares) for name, shares in each.items()}
+            rows.append(PaperRow(f"{m.upper()}: {case.label}", float(x), values, extra, each=each))
     return rows
 
 
@@ -85,8 +84,6 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
         idmot, bmct, free = (
             _mean(table, m, of) for m, of in (("IDMOT", cases), ("BMCT", cases), ("IDMOT", (control,)))
         )
-        if idmot is None or bmct is None or free is None:
-            continue
         statement = f"IDMOT fails ({what}): trackers off their target after the balls have parted [%]."
         because = f"That is due to the {why}: more trackers off than with {control.label}, by [%]."
         rectified = f"BMCT rectifies it ({what}): fewer trackers off than with IDMOT, by [%]."
@@ -103,8 +100,8 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
     return out + _ends(table)
 
 
-def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow | None:
-    """Row of the means of a method over some cases, run by run; None if a case is missing.
+def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow:
+    """Row of the means of a method over some cases, run by run.
 
     Args:
         table: table of `mechanisms`.
@@ -112,11 +109,8 @@ def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = 
         cases: scenes to take the mean of.
         end: value of `ENDS`: the share of trackers that end there; empty: of all that end off their target.
     """
-    rows = [v.find(table, f"{method}: {case.label}") for case in cases]
-    found = [r for r in rows if r is not None]
-    if len(found) < len(cases):
-        return None
-    values = [r.each[end] if end else r.values for r in found]
+    rows = [v.row_of(table, f"{method}: {case.label}") for case in cases]
+    values = [r.each[end] if end else r.values for r in rows]
     return PaperRow(method, math.nan, tuple(math.fsum(x) / len(x) for x in zip(*values, strict=True)))
 
 
@@ -124,25 +118,18 @@ def _ends(table: Table) -> list[StatementVerdict]:
     """Verdicts on whether labels are exchanged, clutter attracts trackers, and BMCT helps on one epipolar line."""
     out = []
     exchanged, lost = (_mean(table, "IDMOT", LINE, end) for end in ENDS.values())
-    if exchanged is not None and lost is not None:
-        statement = "Labels are exchanged (same line): trackers of IDMOT on the other ball, more than on none, by [%]."
-        out.append(ordered("fig7-line-exchanged", statement, lost, exchanged))
+    statement = "Labels are exchanged (same line): trackers of IDMOT on the other ball, more than on none, by [%]."
+    out.append(ordered("fig7-line-exchanged", statement, lost, exchanged))
     some, none = (_mean(table, "IDMOT", (case,), ENDS["end_none"]) for case in CASES[:2])
-    if some is not None and none is not None:
-        statement = (
-            "A strong clutter attracts a tracker (same direction): more on no ball than without clutter, by [%]."
-        )
-        out.append(ordered("fig7-direction-clutter", statement, none, some))
+    statement = "A strong clutter attracts a tracker (same direction): more on no ball than without clutter, by [%]."
+    out.append(ordered("fig7-direction-clutter", statement, none, some))
     idmot, bmct = (_mean(table, m, ROW) for m in ("IDMOT", "BMCT"))
-    if idmot is not None and bmct is not None:
-        statement = (
-            "BMCT rectifies it on an epipolar line, too (same epipolar line): fewer off than with IDMOT, by [%]."
-        )
-        out.append(ordered("fig7-row-bmct", statement, bmct, idmot))
+    statement = "BMCT rectifies it on an epipolar line, too (same epipolar line): fewer off than with IDMOT, by [%]."
+    out.append(ordered("fig7-row-bmct", statement, bmct, idmot))
     return out
 
 
-MECHANISMS = Experiment(
+MECHANISMS = views_experiment(
     item="fig7-mechanisms",
     title="Two ways in which IDMOT fails",
     x_label="scene: " + ", ".join(f"{k + 1} {case.label}" for k, case in enumerate(CASES)),
@@ -152,7 +139,6 @@ MECHANISMS = Experiment(
     quick=(2, 40),
     compute=mechanisms,
     judge=judge_mechanisms,
-    trial=run_views_trial,
     note="Two balls of radius 22 px that meet in one view and are separate in the other. On the same epipolar line the "
     "other view cannot determine one from the other.",
 )

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import LITTLE, METHODS, RATES, everywhere, rate_row, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, difference_of, mean_of
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, difference_of, mean_of
 from occlog.pipeline.sweep.trial import Spec
 from occlog.simulate.balls.config import MOTIONS
 
@@ -23,14 +23,13 @@ LOW = 8.0
 
 def motion(size: Size, execute: Execute) -> Table:
     """Table of false position and false label rates [%] of every method at every motion; x: 1 + index in `MOTIONS`."""
-    results = execute([_spec(size, run, name) for name in MOTIONS for run in range(size.runs)])
-    rows = []
-    for rate, name in RATES.items():
-        for label in (*METHODS, REMEDY):
-            for k in range(len(MOTIONS)):
-                own = results[k * size.runs : (k + 1) * size.runs]
-                rows.append(rate_row(f"{label}, {name}", k + 1.0, own, label, rate, plotted=rate == "fr_l"))
-    return rows
+    found = v.run_trials(MOTIONS, size, execute, lambda motion, run: _spec(size, run, motion))
+    return [
+        rate_row(f"{label}, {name}", float(x), own, label, rate, plotted=rate == "fr_l")
+        for rate, name in RATES.items()
+        for label in (*METHODS, REMEDY)
+        for x, (_, own) in enumerate(found, start=1)
+    ]
 
 
 def _spec(size: Size, run: int, motion: str) -> Spec:
@@ -51,9 +50,8 @@ def judge_motion(table: Table) -> list[StatementVerdict]:
         )
         out.append(everywhere(f"motion-{rate}", statement, v.matched(table, f"bmct, {name}", f"idmot, {name}")))
         for k, motion in enumerate(MOTIONS):
-            plain, better = (v.find(table, f"{label}, {name}", k + 1.0) for label in ("bmct", REMEDY))
-            if plain is not None and better is not None:
-                out += _of_motion(rate, name, motion, plain, better)
+            plain, better = (v.row_of(table, f"{label}, {name}", k + 1.0) for label in ("bmct", REMEDY))
+            out += _of_motion(rate, name, motion, plain, better)
     return [verdict for verdict in out if verdict is not None]
 
 
@@ -84,17 +82,14 @@ def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: Paper
     return [*out, v.judge(f"{key}-cost", statement, worse, v.at_most(LITTLE), v.at_most(2.0 * LITTLE), rule=rule)]
 
 
-MOTION = Experiment(
+MOTION = views_experiment(
     item="motion",
     title="Straight ways, a random walk and manoeuvres",
     x_label="motion: 1 straight, 2 random walk, 3 manoeuvre",
     y_label="rate of false labels [%]",
-    runs=12,
-    steps=400,
     quick=(2, 40),
     compute=motion,
     judge=judge_motion,
-    trial=run_views_trial,
     note="Six balls of radius 22 px, two views. Random walk: 3 px a frame along each axis; manoeuvre: accelerations of "
     "1 px/frame^2 along each axis, at most 6 px a frame. The remedy was chosen on other seeds.",
 )

@@ -112,10 +112,7 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
     """Verdicts on whether BMCT is robust, and on what else the paper states about the video `recording`."""
     out = []
     for rate, name in RATES.items():
-        own = {label: v.find(table, f"{label}, {name}") for label in recording.methods}
-        rows = {label: row for label, row in own.items() if row is not None}
-        if BMCT not in rows:
-            continue
+        rows = {label: v.row_of(table, f"{label}, {name}") for label in recording.methods}
         key, statement = f"{recording.item}-{rate}", f"{recording.title}: rate of {name} of BMCT [%]."
         rule = f"at most {ROBUST:g} %; in part {2.0 * ROBUST:g} %"
         limits = v.at_most(ROBUST), v.at_most(2.0 * ROBUST)
@@ -127,8 +124,8 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
         ):
             if label in rows:
                 out.append(ordered(f"{key}-{ending}", f"{why}: rate of {name} lower, by [%].", rows[BMCT], rows[label]))
-    bmct = v.find(table, f"{BMCT}, {RATES['fr_l']}")
-    if recording is CAMPUS and bmct is not None:
+    if recording is CAMPUS:
+        bmct = v.row_of(table, f"{BMCT}, {RATES['fr_l']}")
         first, second = (PaperRow(h, 0.0, bmct.each[h]) for h in HALVES)
         statement = "Tracking is stable: trackers off their targets in the second half more than in the first, by [%]."
         rule = f"at most {ROBUST:g} %; in part {2.0 * ROBUST:g} %"

@@ -6,8 +6,8 @@ import math
 
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table, quotient_of
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table, quotient_of
 
 LOCAL, INTERACTION, COLLABORATION, STEP = "local", "interaction", "collaboration", "whole step"
 PRINTED_MS = {LOCAL: 57.0, INTERACTION: 5.7, COLLABORATION: 3.0}
@@ -31,9 +31,7 @@ def table1(size: Size, execute: Execute) -> Table:
 
 def judge1(table: Table) -> list[StatementVerdict]:
     """Verdicts on the costs of collaboration and of interaction relative to the local likelihood ([Qu] Table 1)."""
-    local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
-    if local is None or interaction is None or collaboration is None:
-        return []
+    local, interaction, collaboration = (v.row_of(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
     out = []
     for name, row in ((COLLABORATION, collaboration), (INTERACTION, interaction)):
         what = "is negligible" if name == COLLABORATION else "costs much less than the local one"
@@ -45,17 +43,15 @@ def judge1(table: Table) -> list[StatementVerdict]:
     return [*out, v.pairs("table1-order", statement, [(collaboration, interaction)])]
 
 
-TABLE1 = Experiment(
+TABLE1 = views_experiment(
     item="table1",
     title="Time of the likelihoods of BMCT",
     x_label="1 local, 2 interaction, 3 collaboration, 4 whole step",
     y_label="CPU time of a frame [ms]",
     runs=5,
-    steps=400,
     quick=(2, 30),
     compute=table1,
     judge=judge1,
-    trial=run_views_trial,
     note="Six balls, two views, 60 particles. The printed times sum to 65.7 ms, 15 frames a second; the printed "
     "speed is 9 to 10.",
 )

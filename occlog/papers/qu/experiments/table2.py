@@ -15,10 +15,9 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.qu.trial import views_experiment, views_spec
 from occlog.papers.verdicts import (
     Execute,
-    Experiment,
     PaperRow,
     Size,
     StatementVerdict,
@@ -185,12 +184,12 @@ FILTERS = {
 def table2(size: Size, execute: Execute) -> Table:
     """Table of what each filter needs at each number of targets; the trials behind it are in the table alone."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
-    specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
-    results, table, raw = execute(specs), [], []
+    found = v.run_trials(counts, size, execute, lambda n, run: _spec(size, run, n))
+    table, raw = [], []
     for f in FILTERS.values():
         needs, times = [], []
-        for i, n in enumerate(counts):
-            trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in f.tried(n)]
+        for n, results in found:
+            trials = [_trial(f, n, k, results) for k in f.tried(n)]
             raw += [row for trial in trials for row in trial]
             need, spent = needed(trials)
             needs.append(PaperRow(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
@@ -312,7 +311,7 @@ def _relative(name: str, rows: Sequence[PaperRow]) -> list[PaperRow]:
     return [PaperRow(name, row.x, tuple(value / unit.mean for value in row.values)) for row in rows if row.runs]
 
 
-TABLE2 = Experiment(
+TABLE2 = views_experiment(
     item="table2",
     title="Particles and time that are needed",
     x_label="targets",
@@ -323,6 +322,5 @@ TABLE2 = Experiment(
     compute=table2,
     judge=judge2,
     note=f"As many particles as give each target {ENOUGH:g} effective ones and at most {ROBUST:.0%} false positions.",
-    trial=run_views_trial,
 )
 """Particles and time that the joint filters of a view need, and BMCT."""

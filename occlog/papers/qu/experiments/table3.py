@@ -15,10 +15,9 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import KEPT, METHODS, RATES, ordered, rate_row, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.qu.trial import views_experiment, views_spec
 from occlog.papers.verdicts import (
     Execute,
-    Experiment,
     PaperRow,
     Size,
     StatementVerdict,
@@ -108,10 +107,7 @@ def judge3(table: Table) -> list[StatementVerdict]:
     """Verdicts on [Qu] Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
     out = []
     for rate, name in RATES.items():
-        own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}
-        rows = {m: r for m, r in own.items() if r is not None}
-        if len(rows) < len(METHODS):
-            continue
+        rows = {m: v.row_of(table, name, x) for x, m in enumerate(METHODS, start=1)}
         for low, high in (("bmct", "idmot"), ("idmot", "cmct"), ("cmct", "mipf")):
             statement = f"Rate of {name} of {low.upper()} below that of {high.upper()}, by [%]."
             out.append(ordered(f"table3-{rate}-{low}-{high}", statement, rows[low], rows[high]))
@@ -182,17 +178,14 @@ def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     return [*out, v.judge("table3-speed-cmct", statement, speed, v.above(1.1), v.above(1.0), rule=rule, paper=printed)]
 
 
-TABLE3 = Experiment(
+TABLE3 = views_experiment(
     item="table3",
     title="False positions and false labels",
     x_label="method: 1 MIPF, 2 CMCT, 3 IDMOT, 4 BMCT",
     y_label="rate [%]",
-    runs=12,
-    steps=400,
     quick=(2, 50),
     compute=table3,
     judge=judge3,
-    trial=run_views_trial,
     note="Synthetic video of two views, six balls of radius 22 px; a tracker is on a target within its radius. "
     "The printed rates, in the table, are of the video UnionStation, which is not available.",
 )

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from occlog.papers import verdicts as v
 from occlog.papers.qu.common import ordered, seed_of
-from occlog.papers.qu.trial import run_views_trial, views_spec
-from occlog.papers.verdicts import Execute, Experiment, PaperRow, Size, StatementVerdict, Table
+from occlog.papers.qu.trial import views_experiment, views_spec
+from occlog.papers.verdicts import Execute, PaperRow, Size, StatementVerdict, Table
 from occlog.pipeline.sweep.trial import Spec
 
 SCENE = "together-in-second"
@@ -26,11 +26,10 @@ SEEN, NOT_SEEN = "seen by camera 1", "not seen by camera 1"
 
 def unseen(size: Size, execute: Execute) -> Table:
     """Table of the two trackers in camera 2 that are off their targets at the end [%], without and with counterpart."""
-    results = execute([_spec(size, run, hidden) for hidden in (True, False) for run in range(size.runs)])
+    found = v.run_trials((NOT_SEEN, SEEN), size, execute, lambda name, run: _spec(size, run, name == NOT_SEEN))
     rows = []
     for x, label in enumerate(RUNNERS, start=1):
-        for k, name in enumerate((NOT_SEEN, SEEN)):
-            own = results[k * size.runs : (k + 1) * size.runs]
+        for name, own in found:
             helped = tuple(100.0 * r[f"{label}.unseen_helped"] for r in own)
             extra = {"helped": sum(helped) / len(helped)}
             off = tuple(100.0 * (1.0 - r[f"{label}.pair_end_own"]) for r in own)
@@ -48,10 +47,8 @@ def _spec(size: Size, run: int, hidden: bool) -> Spec:
 
 def judge_unseen(table: Table) -> list[StatementVerdict]:
     """Verdicts on whether BMCT fails more without a counterpart than with one, and less with a third camera."""
-    alone, paired = (v.find(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
-    third = v.find(table, f"BMCT, three cameras, {NOT_SEEN}")
-    if alone is None or paired is None or third is None:
-        return []
+    alone, paired = (v.row_of(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
+    third = v.row_of(table, f"BMCT, three cameras, {NOT_SEEN}")
     helped = max(alone.each["helped"])
     return [
         v.fact(
@@ -69,7 +66,7 @@ def judge_unseen(table: Table) -> list[StatementVerdict]:
     ]
 
 
-UNSEEN_COUNTERPARTS = Experiment(
+UNSEEN_COUNTERPARTS = views_experiment(
     item="unseen",
     title="A target that one camera does not see",
     x_label="1 IDMOT, 2 BMCT, 3 BMCT with three cameras",
@@ -79,7 +76,6 @@ UNSEEN_COUNTERPARTS = Experiment(
     quick=(2, 40),
     compute=unseen,
     judge=judge_unseen,
-    trial=run_views_trial,
     note="Two balls of radius 22 px that hide one another for long in camera 2; camera 1 does not see one of them.",
 )
 """The failure of BMCT in Sec. 4.2."""

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,9 +57,11 @@ def test_parallel_cameras_have_no_place_by_projection():
 
 
 def test_projection_and_sight_lines_are_judged_side_by_side():
-    names = {"reference": 6.0, "Eq. 5.39": 2.0, "Eq. 5.40": 2.5, "Eq. 5.39, 3 passes": 1.0, "lines of sight": 0.5}
+    names = {"reference": 6.0, "Eq. 5.39": 2.0, "Eq. 5.40": 2.5, "Eq. 5.39, 3 passes": 1.0}
+    names |= {"Eq. 5.39, 10 passes": 0.5, "lines of sight": 0.5}
     table = [PaperRow(n, 3.0, tuple(x + 0.01 * k for k in range(30))) for n, x in names.items()]
+    table += [replace(row, series=f"track, {row.series}", x=math.nan) for row in table]
     words = {v.id: v.verdict for v in judge_errors(table)}
     assert words["sec3.2.2-improves"] == words["sec3.2.2-lines"] == words["sec3.2.2-passes"] == "reproduced"
-    assert words["sec3.2.2-depth"] == "not reproduced"
-    assert words["sec3.2.2-limit"] == "not decided"
+    assert words["sec3.2.2-depth"] == words["sec3.2.2-track-often"] == "not reproduced"
+    assert words["sec3.2.2-limit"] == words["sec3.2.2-track-once"] == "reproduced"
