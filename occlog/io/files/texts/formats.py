@@ -225,7 +225,7 @@ class Probe:
         path = check_input(self.path, self.what)
         if path.stat().st_size > MAX_TEXT:
             raise InputError(
-                f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT}",
+                f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT} bytes",
                 id="input-too-large",
             )
         try:
