@@ -53,8 +53,8 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
         total += BYTES_PER_NUMBER * width * batch.num_rows
         if total > most:
             raise InputError(
-                f"{path}: column {name}: each of {batch.num_rows} rows takes as much memory as the longest list "
-                f"({width} numbers); write lists of one length",
+                f"{path}: column {name}: a list of {width} numbers among {batch.num_rows} rows, each of which takes as "
+                "much memory as the longest list; write lists of one length",
                 id="input-too-large",
             )
         step = max(NUMBERS_AT_ONCE // max(width, 1), 1)

@@ -50,8 +50,8 @@ class NamedReader:
         """UsageError if no file was read by the plug-in."""
         if not self.used:
             raise UsageError(
-                f"{option('reader')} {self.chosen.plugin.name}: not used, as no input has a name that ends in "
-                f"{' or '.join(self.endings)}; rename the input, or leave out {option('reader')}",
+                f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
+                f"{' or '.join(self.endings)}, and outputs were made without it; rename the input, or leave it out",
                 id="unknown-format",
             )
 

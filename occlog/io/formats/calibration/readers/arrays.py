@@ -89,7 +89,7 @@ def read_matlab(content: bytes, limit: int) -> dict[str, Floats | None]:
                 raise ValueError("ends within a compressed array")
             part = next(_elements(data, order), element)
         if part.kind != MATRIX:
-            raise ValueError(f"an element of type {part.kind} where an array was expected")
+            raise ValueError(f"a MATLAB element of type {part.kind} where an array was expected")
         name, values = _matrix(part.data, order)
         if name:  # without a name it is not a variable
             found[name] = values
@@ -103,7 +103,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
         if kind >> 16:  # up to four bytes in place of the length
             kind, length = kind & 0xFFFF, kind >> 16
             if length > 4:
-                raise ValueError(f"{length} bytes in an element of at most 4")
+                raise ValueError(f"a short MATLAB element of {length} bytes, which has at most 4")
             yield _Element(kind, data[at + 4 : at + 4 + length])
             at += 8
             continue
