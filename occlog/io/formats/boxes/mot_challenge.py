@@ -168,8 +168,8 @@ def _check_identities(path: Path, boxes: Boxes) -> None:
     bad = np.flatnonzero(boxes.target_id < 0)
     if len(bad):
         raise InputError(
-            f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity; "
-            "leave it out, or write the boxes as detections",
+            f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity, which truth and tracks need; give it "
+            "one, or leave it out",
             id="missing-labels",
         )
     twice = np.flatnonzero((np.diff(boxes.frame) == 0) & (np.diff(boxes.target_id) == 0))
