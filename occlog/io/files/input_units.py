@@ -72,8 +72,8 @@ class StatedUnits:
             )
         if by_name and by_name != stated:
             raise UsageError(
-                f"column {name} is in {by_name} by its name, but {option('input_units')} states {stated}; "
-                f"state {by_name} or nothing",
+                f"{path or 'input'}: column {name} is in {by_name} by its name, but {option('input_units')} states "
+                f"{stated}; state {by_name} or nothing",
                 id="unit-mismatch",
             )
         return stated
