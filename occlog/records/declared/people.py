@@ -186,7 +186,7 @@ class Events(ColumnTable):
         check_order(self)
         if (bad := ~np.isin(self.kind, KINDS)).any():
             row = first_row(bad)
-            raise InputError(f"Events: row {row}: kind {self.kind[row]!r} must be {', '.join(KINDS)}")
+            raise InputError(f"Events: row {row}: kind {str(self.kind[row])!r} must be one of {', '.join(KINDS)}")
 
 
 MAX_BINS = 256
@@ -234,34 +234,39 @@ class Gallery(ColumnTable):
             values: Ints32 = getattr(self, name)
             if (bad := values != values[0]).any():
                 row = first_row(bad)
-                raise InputError(f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row")
+                raise InputError(
+                    f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row; it must be "
+                    "equal in all rows"
+                )
         if not 2 <= self.bins[0] <= MAX_BINS or self.angles[0] < 1:
             raise InputError(
-                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; expected 2 to {MAX_BINS} bins and 1 "
-                "angle or more"
+                f"Gallery: {self.bins[0]} bins of colour and {self.angles[0]} viewing angles; expected 2 to "
+                f"{MAX_BINS} bins and 1 angle or more"
             )
         if (bad := (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles)).any():
             row = first_row(bad)
             raise InputError(
-                f"Gallery: row {row}: target_id {self.target_id[row]} must be at least 0, and angle {self.angle[row]} "
-                f"1 to {self.angles[row]}"
+                f"Gallery: row {row}: target_id {self.target_id[row]} must be at least 0, and angle "
+                f"{self.angle[row]} from 1 to {self.angles[row]} (angles)"
             )
         if (bad := (self.samples < 1) | (self.pixels < 1)).any():
             row = first_row(bad)
             raise InputError(
-                f"Gallery: row {row}: {self.samples[row]} samples and {self.pixels[row]} pixels; expected at "
-                "least 1 of each"
+                f"Gallery: row {row}: learned from {self.samples[row]} samples and {self.pixels[row]} pixels; "
+                "expected at least 1 of each"
             )
         bad = (self.density < 0).any(axis=1) | (np.abs(self.density.sum(axis=1) - 1.0) > 1e-6)
         bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)
         if bad.any():
             raise InputError(
-                f"Gallery: row {first_row(bad)}: density is invalid; its values must be at least 0 with sum 1, "
-                "and 0 beyond the bins"
+                f"Gallery: row {first_row(bad)}: invalid density (colour histogram): its values must be at least 0 "
+                "with sum 1, and 0 beyond the bins"
             )
         pairs = np.column_stack([self.target_id, self.angle])
         if len(np.unique(pairs, axis=0)) < len(pairs):
-            raise InputError("Gallery: a target has two rows of one angle", id="duplicate-row")
+            raise InputError(
+                "Gallery: two rows have the same target_id and angle; keep one of them", id="duplicate-row"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,7 +311,8 @@ class AppearanceMatches(ColumnTable):
         if (bad := ~np.isin(self.decision, DECISIONS)).any():
             row = first_row(bad)
             raise InputError(
-                f"AppearanceMatches: row {row}: decision {self.decision[row]!r} must be one of {', '.join(DECISIONS)}"
+                f"AppearanceMatches: row {row}: decision {str(self.decision[row])!r} must be one of "
+                f"{', '.join(DECISIONS)}"
             )
         suspended = self.decision == SUSPENDED
         with np.errstate(invalid="ignore"):
@@ -316,6 +322,6 @@ class AppearanceMatches(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"AppearanceMatches: row {row}: rho {self.rho[row]:g} and reason {self.reason[row]!r} do not go with "
-                f"decision {self.decision[row]!r}"
+                f"AppearanceMatches: row {row}: decision {str(self.decision[row])!r} with rho {self.rho[row]:g} and "
+                f"reason {str(self.reason[row])!r}; suspended: NaN and a reason, others: 0 to 1 and none"
             )

@@ -39,7 +39,7 @@ def check_frames(frame: Ints, name: str) -> None:
     """
     if (wrong := (frame < 0) | (frame >= MAX_FRAMES)).any():
         row = first_row(wrong)
-        raise InputError(f"{name}: row {row}: frame {frame[row]}; it must be from 0 and below {MAX_FRAMES}")
+        raise InputError(f"{name}: row {row}: frame {frame[row]} must be from 0 and below {MAX_FRAMES}")
 
 
 def check_edges(edges: Sequence[Floats], name: str) -> None:
@@ -64,7 +64,7 @@ def check_ids(ids: Ints32, column: str, name: str) -> None:
     """
     if (wrong := ids < -1).any():
         row = first_row(wrong)
-        raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")
+        raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1 (-1: none)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,18 +129,21 @@ class Bearings(ColumnTable):
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
-            raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
+            raise InputError(
+                f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}, sigma "
+                f"{self.sigma[row]}; numbers if seen, else NaN"
+            )
         if (wrong := self.sigma_px < MIN_SIGMA_PX).any():
             row = first_row(wrong)
             raise InputError(
-                f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0, at least {MIN_SIGMA_PX:g}"
+                f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be at least {MIN_SIGMA_PX:g} px"
             )
         bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= MIN_SIGMA_RAD))
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
-                f"and sigma {self.sigma[row]:g} rad above 0, at least {MIN_SIGMA_RAD:g}"
+                f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi), and sigma "
+                f"{self.sigma[row]:g} rad at least {MIN_SIGMA_RAD:g} rad"
             )
         finite = np.isfinite(self.elevation)
         bad = (finite != np.isfinite(self.sigma_elevation)) | (finite & ~self.seen)
@@ -227,7 +230,8 @@ class Views(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Views: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px must have a size above 0"
+                f"Views: row {row}: width and height of the box, {self.width_px[row]:g} x {self.height_px[row]:g} "
+                "px, must be above 0"
             )
 
 
@@ -265,7 +269,7 @@ class Boxes(ColumnTable):
         if bad.any():
             row = first_row(bad)
             size = f"{self.width_px[row]:g} x {self.height_px[row]:g} px"
-            raise InputError(f"{name}: row {row}: box of {size} must have a size above 0")
+            raise InputError(f"{name}: row {row}: width and height of the box, {size}, must be above 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -347,8 +351,8 @@ class Positions(ColumnTable):
         if (bad := there != (self.detection >= 0)).any():
             row = first_row(bad)
             raise InputError(
-                f"Positions: row {row}: detection {self.detection[row]} at ({self.x[row]:g}, {self.y[row]:g}); a "
-                "detection has a position, and a frame without any (-1) has none"
+                f"Positions: row {row}: detection {self.detection[row]} at ({self.x[row]:g}, {self.y[row]:g}); x "
+                "and y are numbers where detection is from 0, NaN where it is -1"
             )
         stated = np.isfinite(self.cov_xx)
         with np.errstate(invalid="ignore"):
@@ -356,7 +360,8 @@ class Positions(ColumnTable):
         if (bad := (stated | np.isfinite(self.cov_yy)) & ~positive).any():
             row = first_row(bad)
             raise InputError(
-                f"Positions: row {row}: its covariance is not positive definite; correct it, or leave it out"
+                f"Positions: row {row}: its covariance (cov_xx, cov_xy, cov_yy) is not positive definite; correct "
+                "it, or set it to NaN (unknown)"
             )
 
 
@@ -378,7 +383,9 @@ class Reads(ColumnTable):
         check_order(self)
         if (bad := self.target_id < 0).any():
             row = first_row(bad)
-            raise InputError(f"Reads: row {row}: target_id {self.target_id[row]} of tag {self.tag[row]} is below 0")
+            raise InputError(
+                f"Reads: row {row}: target_id {self.target_id[row]} of tag {self.tag[row]} must be at least 0"
+            )
 
 
 VALUES = ("range", "rssi", "tdoa", "range_difference")
@@ -445,7 +452,7 @@ class Measurements(ColumnTable):
         bad: Bools = np.asarray(self.target_id < 0)
         if bad.any():
             row = first_row(bad)
-            raise InputError(f"Measurements: row {row}: target_id {self.target_id[row]} is below 0")
+            raise InputError(f"Measurements: row {row}: target_id {self.target_id[row]} must be at least 0")
         for name in (*VALUES, *WITH_A_RANGE):
             sigma: Floats = getattr(self, f"sigma_{name}")
             if (wrong := np.asarray(sigma <= 0)).any():
@@ -455,7 +462,8 @@ class Measurements(ColumnTable):
             if (alone := np.isfinite(getattr(self, name)) & ~np.isfinite(self.range)).any():
                 row = first_row(alone)
                 raise InputError(
-                    f"Measurements: row {row}: has a {name} without a range; directions alone are bearings"
+                    f"Measurements: row {row}: has a {name} without a range; put directions alone into a table of "
+                    "bearings"
                 )
         bad = np.asarray(~self.present.any(axis=1))
         if bad.any():
@@ -466,8 +474,8 @@ class Measurements(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Measurements: row {row}: a difference requires two stations; sensor is {str(self.sensor[row])!r} and "
-                f"reference {str(self.reference[row])!r}"
+                f"Measurements: row {row}: tdoa and range_difference are of two stations, but sensor is "
+                f"{str(self.sensor[row])!r} and reference {str(self.reference[row])!r}"
             )
 
     @property

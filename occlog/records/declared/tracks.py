@@ -63,14 +63,17 @@ class Tracks(ColumnTable):
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
         bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
         if bad.any():
-            raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
+            raise InputError(
+                f"Tracks: row {first_row(bad)}: the covariance (cov_xx, cov_xy, cov_yy, cov_zz) is not positive "
+                "semi-definite"
+            )
 
     def with_covariance(self) -> Self:
         """Return this table itself; InputError if any position has no covariance (`cov_xx` is NaN)."""
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
-                f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
-                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy",
+                f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no "
+                "covariance, which is required here; give columns cov_xx, cov_xy, cov_yy",
                 id="missing-column",
             )
         return self
@@ -234,7 +237,7 @@ class Particles(ColumnTable):
         check_order(self)
         bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
         if bad.any():
-            raise InputError(f"Particles: row {first_row(bad)}: expected 0 <= weight <= 1")
+            raise InputError(f"Particles: row {first_row(bad)}: weight {self.weight[first_row(bad)]:g} must be 0 to 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -414,4 +417,7 @@ class Cooperation(ColumnTable):
         check_order(self)
         if (wrong := self.answered != (np.isfinite(self.x) & np.isfinite(self.y))).any():
             row = first_row(wrong)
-            raise InputError(f"Cooperation: row {row}: answered is {self.answered[row]} but x is {self.x[row]:g}")
+            raise InputError(
+                f"Cooperation: row {row}: answered is {self.answered[row]} but x is {self.x[row]:g}; x and y are "
+                "numbers if answered, else NaN"
+            )

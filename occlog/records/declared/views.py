@@ -88,7 +88,9 @@ class ViewTracks(ColumnTable):
             values = getattr(self, name)
             if (bad := ~np.isin(values, known)).any():
                 words = ", ".join(word or "empty" for word in known)
-                raise InputError(f"ViewTracks: row {first_row(bad)}: {name} {values[first_row(bad)]!r} must be {words}")
+                raise InputError(
+                    f"ViewTracks: row {first_row(bad)}: {name} {str(values[first_row(bad)])!r} must be one of {words}"
+                )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,7 @@ class Failures(ColumnTable):
         check_order(self)
         if (bad := ~np.isin(self.kind, ("position", "label"))).any():
             row = first_row(bad)
-            raise InputError(f"Failures: row {row}: kind {self.kind[row]!r} must be position or label")
+            raise InputError(f"Failures: row {row}: kind {str(self.kind[row])!r} must be position or label")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,7 +48,10 @@ class Occluders(ColumnTable):
         _check_there(self, self.occluder_id, there)
         bad = there & ~semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)
         if bad.any():
-            raise InputError(f"Occluders: row {first_row(bad)}: the covariance is not positive semi-definite")
+            raise InputError(
+                f"Occluders: row {first_row(bad)}: the covariance (cov_xx, cov_xy, cov_yy) is not positive "
+                "semi-definite"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +88,8 @@ class Hulls(ColumnTable):
         bad |= np.repeat(sizes < 3, sizes) & (self.occluder_id >= 0)
         if bad.any():
             raise InputError(
-                f"Hulls: row {first_row(bad)}: corners must be numbered 0, 1, 2, ... and be at least three a polygon"
+                f"Hulls: row {first_row(bad)}: corners of a polygon must be numbered 0, 1, 2, ... in its rows, and "
+                "be at least three"
             )
 
 
@@ -208,7 +212,9 @@ class RobotPath(ColumnTable):
         bad = ~np.isin(self.state, PATH_STATES)
         if bad.any():
             row = first_row(bad)
-            raise InputError(f"RobotPath: row {row}: state {self.state[row]!r} must be one of {', '.join(PATH_STATES)}")
+            raise InputError(
+                f"RobotPath: row {row}: state {str(self.state[row])!r} must be one of {', '.join(PATH_STATES)}"
+            )
 
 
 END_TO_END = "end-to-end"

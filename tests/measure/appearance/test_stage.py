@@ -145,10 +145,10 @@ def test_a_gallery_of_no_levels_or_without_rows_is_refused():
     ("column", "value", "message"),
     [
         ("bins", [6, 6, 12], "bins is 12, but 6 in the first row"),
-        ("angle", [1, 8, 1], "angle 1 to 7|angle 8 1 to 7"),
+        ("angle", [1, 8, 1], "angle 8 from 1 to 7"),
         ("samples", [1, 0, 1], "0 samples"),
-        ("angle", [1, 1, 1], "two rows of one angle"),
-        ("density", np.eye(256)[[0, 1, 200]], "density is invalid"),
+        ("angle", [1, 1, 1], "two rows have the same target_id and angle"),
+        ("density", np.eye(256)[[0, 1, 200]], "invalid density"),
     ],
 )
 def test_a_gallery_that_contradicts_itself_is_refused(column, value, message):
