@@ -76,7 +76,7 @@ class ImageNetwork:
             if values.dtype.kind not in "fiu" or values.shape[:1] != (images,):
                 raise InputError(
                     f"{self.file.path}: output {name} is {values.dtype} {values.shape} for {images} images; numbers "
-                    "for each image were expected",
+                    "for each image were expected: export it so",
                     id="unsupported-network",
                 )
         return {name: values.astype(np.float32) for name, values in outputs.items()}
