@@ -56,7 +56,7 @@ class LabelRequest(LabelRequestBase):
     tracks: Path = source("Tracks that give the identities (Parquet).", required=True)
     doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
     doa_labels: bool = setting(
-        False, "Source IDs in the log of directions are target IDs.", option="--doa-labels", shown=""
+        False, "Source IDs in the directions of --doa are target IDs.", option="--doa-labels", shown=""
     )
     settings: Mapping[str, object] = group(lambda: LabelConfig)
     cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
