@@ -254,7 +254,11 @@ def test_settings_go_to_the_method(folder):
     ("args", "code", "message"),
     [
         (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
-        (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
+        (
+            ["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])],
+            ExitCode.USAGE,
+            "all sensors are omitted",
+        ),
         (["--set", "sigma_v=1"], ExitCode.USAGE, "did you mean 'process_noise_position'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
         (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
@@ -315,7 +319,7 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     other = replace(copy, bearing=copy.bearing + 0.1)
     for row, words in (
         (copy, "a row is repeated (t_ns 3000000000, sensor cam2, target_id 0)"),
-        (other, "sensor 'cam2' has two rows for target 0 at 3 s"),
+        (other, "sensor 'cam2' has two rows of target 0 at 3 s"),
     ):
         write_table(folder / "twice.parquet", Bearings.merge([rows, row]), Provenance("detect"), overwrite=True)
         assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT

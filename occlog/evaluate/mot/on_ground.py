@@ -130,7 +130,8 @@ class GroundFigures:
         limit = config.match_distance
         if limit is None:
             raise InputError(
-                f"evaluate: matching on the ground needs a largest match distance; give {option('match_distance')}",
+                f"evaluate: lengths are in a scene-specific unit; give {option('match_distance')}, the largest "
+                "distance of a match on the ground",
                 id="missing-option",
             )
         g, k = len(targets), len(tracks)
