@@ -257,7 +257,7 @@ class IngestPlan(Settings):
     )
     ground_height: float | None = setting(
         None,
-        "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
+        "Height of the ground along `up`, in the calibration's world [m]; it becomes z = 0. A wrong value shifts all "
         "positions of feet.",
         unit="m",
         option="--ground-height",
@@ -307,7 +307,7 @@ class IngestPlan(Settings):
     )
     classes: tuple[str, ...] = setting(
         (),
-        "Class of boxes to read, by number or name; boxes of others are skipped. May be repeated.",
+        "Class of boxes to read, by number or name; boxes of other classes are skipped. May be repeated.",
         repeat=True,
         option="--class",
         metavar="NAME",
@@ -320,7 +320,7 @@ class IngestPlan(Settings):
     doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
     doa_unit: str | None = setting(
         None,
-        "Unit of angles in columns without a unit in their name.",
+        "Unit of angles in columns of DOA logs without a unit in their name.",
         choices=("deg", "rad"),
         option="--doa-unit",
         nothing="the format's own",
@@ -574,10 +574,12 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
-            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}", id="camera-not-named")
+            raise UsageError(
+                f"{option(setting)} {path}: lacks the name of its camera; give CAMERA={path}", id="camera-not-named"
+            )
         if name in out:
             raise UsageError(
-                f"{setting}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
+                f"{option(setting)}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
             )
         out[name] = path
     return out

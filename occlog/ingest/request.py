@@ -68,7 +68,8 @@ class IngestRequest(Request):
         "Images of a camera, in natural order of their names: img2 before img10.", "--images", "CAM=FOLDER"
     )
     boxes: tuple[str, ...] = _several(
-        "Boxes: CSV, JSON (COCO, supervision, Ultralytics), MOTChallenge text, or a folder of YOLO text.",
+        "Boxes: CSV (frame, left, top, width, height [px]; camera, confidence), JSON (COCO, supervision, "
+        "Ultralytics), MOTChallenge text, or a folder of YOLO text; may be repeated.",
         "--boxes",
         "[CAM=]PATH",
     )
@@ -81,13 +82,17 @@ class IngestRequest(Request):
     )
     grid: str | None = setting(
         None,
-        "Grid of positions that are counted in cells: size of a cell, and position of cell (0, 0); 0.025,-3,-9 is "
-        "WILDTRACK's, 0.025,0,0 MultiviewX's.",
+        "Grid of positions given as numbers of cells: size of a cell, and position of cell (0, 0), in the scene's "
+        "unit; in metres 0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's.",
         option="--grid",
         metavar="SIZE,X,Y",
         shown="positions are lengths",
     )
-    doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
+    doa: tuple[str, ...] = _several(
+        "Log of directions of arrival: CSV (time, azimuth_deg, ...), or of FRIDA, telemetr or ODAS; may be repeated.",
+        "--doa",
+        "[ARRAY=]FILE",
+    )
     reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
     truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
     timestamps: tuple[str, ...] = _several(
@@ -97,11 +102,14 @@ class IngestRequest(Request):
         "[CAM=]FILE",
     )
     calibration: tuple[Path, ...] = source(
-        "Calibration of the cameras: intrinsics and extrinsics.", there=False, metavar="FILE"
+        "Calibration of the cameras, intrinsics and extrinsics: a file or folder in a format of --calibration-format; "
+        "may be repeated.",
+        there=False,
+        metavar="FILE",
     )
     image_size: tuple[int, int] | None = setting(
         None,
-        "Width and height of the images [px], where the calibration states none; a calibration that states others is "
+        "Width and height of the images [px], where the calibration states none; a calibration of another size is "
         "scaled to them.",
         option="--image-size",
         metavar="WxH",
@@ -114,7 +122,10 @@ class IngestRequest(Request):
         scene=True,
     )
     arrays: tuple[str, ...] = _several(
-        "Positions of direction finders, or of the microphones of one array.", "--arrays", "[NAME=]FILE"
+        "Positions [m]: a table name,x,y of arrays or direction finders, or x,y,z of the microphones of one array, "
+        "then called NAME; may be repeated.",
+        "--arrays",
+        "[NAME=]FILE",
     )
     readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
     start_time: tuple[str, ...] = _several(
@@ -134,8 +145,8 @@ class IngestRequest(Request):
         "[CAM=]RATE",
     )
     frames: tuple[str, ...] = _several(
-        "Only frames A <= number < B, and true positions of their times. A frame of this range without a row in "
-        "--boxes is one without a detection; if the frame numbers of a file have a step, only those in its step.",
+        "Only frames A <= number < B, and true positions of their times. Frames of this range without a row in "
+        "--boxes count as frames without a detection (of a file with every n-th frame number, only these).",
         "--frames",
         "[CAM=]A:B",
     )
