@@ -45,7 +45,13 @@ class PlanConfig(Settings):
         nothing="no camera sees over them, as in `occlog simulate`",
     )
     target_height: float = setting(
-        0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--target-height", metavar="LENGTH"
+        0.0,
+        "Height above the ground of the point of the target that sensors measure.",
+        unit="length",
+        at_least=0,
+        people=0.9,
+        option="--target-height",
+        metavar="LENGTH",
     )
     speed: float = like(WorldConfig, "speed", "Speed of target and people.")
     process_noise_position: float = like(

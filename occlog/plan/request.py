@@ -32,7 +32,11 @@ class PlanRequest(Request):
     RUN: ClassVar[str] = "occlog.plan.run:run_plan"
 
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
-    output: Path | None = sink("The map (Parquet).", "plan", option="-o/--output")
+    output: Path | None = sink(
+        "Map of the expected error and of the sensors that see the target, by position (Parquet).",
+        "plan",
+        option="-o/--output",
+    )
     picture: Path | None = sink("Draw the map (PNG or SVG, by the name).")
     report: Path | None = sink("Write a page with map, metrics and rankings (HTML).")
     candidates: Path | None = source(

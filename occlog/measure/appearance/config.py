@@ -74,7 +74,11 @@ class SightingConfig(Settings):
         metavar="SHARE",
     )
     min_pixels: int = setting(
-        100, "Minimum number of pixels of a box to be used.", at_least=1, option="--min-pixels", metavar="N"
+        100,
+        "Minimum number of pixels in the ellipse inscribed in a box, or in a region of views, for it to be used.",
+        at_least=1,
+        option="--min-pixels",
+        metavar="N",
     )
 
 

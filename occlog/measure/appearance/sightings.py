@@ -385,7 +385,9 @@ def observe_boxes(
     for each in boxes:
         if each.sensor not in cameras:
             raise InputError(
-                f"boxes: no camera {each.sensor!r} in the scene; it has {', '.join(cameras)}", id="unknown-sensor"
+                f"boxes: no camera {each.sensor!r} in the scene, which has {', '.join(cameras)}; give its scene "
+                f"({option('scene')})",
+                id="unknown-sensor",
             )
         tally.frames += 1
         tally.boxes += len(each.box)
