@@ -306,7 +306,9 @@ def choose_sensors(
     only, without = list(only), list(without)
     for name in (*only, *without):
         if name not in names:
-            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor")
+            raise UsageError(
+                f"no sensor {name!r} in the scene, to be used or omitted; {nearest(name, names)}", id="unknown-sensor"
+            )
     used = frozenset(only or names) - frozenset(without)
     if not used:
         raise UsageError("all sensors are omitted, and none is left; omit fewer of them", id="too-few-sensors")

@@ -253,7 +253,11 @@ def test_settings_go_to_the_method(folder):
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
+        (
+            ["--cameras", "cam0"],
+            ExitCode.USAGE,
+            "no sensor 'cam0' in the scene, to be used or omitted; did you mean 'cam",
+        ),
         (
             ["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])],
             ExitCode.USAGE,
@@ -264,7 +268,7 @@ def test_settings_go_to_the_method(folder):
         (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: expected X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
-        (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
+        (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. --target 3"),
         (["--target", "5"], ExitCode.BAD_INPUT, "no row is of the chosen targets and sensors"),
         (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
         (["--method", "kalman"], ExitCode.USAGE, "apf"),

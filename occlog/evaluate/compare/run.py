@@ -105,7 +105,9 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
-    raise UsageError("the true positions are unknown; give --truth", id="missing-option")
+    raise UsageError(
+        f"the true positions are unknown: no {RECORDING} with the tracks; give {option('truth')}", id="missing-option"
+    )
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:

@@ -130,8 +130,7 @@ class GroundFigures:
         limit = config.match_distance
         if limit is None:
             raise InputError(
-                f"evaluate: lengths are in a scene-specific unit; give {option('match_distance')}, the largest "
-                "distance of a match on the ground",
+                f"evaluate: matching on the ground needs a largest match distance; give {option('match_distance')}",
                 id="missing-option",
             )
         g, k = len(targets), len(tracks)

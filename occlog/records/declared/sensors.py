@@ -153,7 +153,7 @@ class Bearings(ColumnTable):
             row = first_row(bad)
             raise InputError(
                 f"Bearings: row {row}: elevation {self.elevation[row]:g} rad must be in [-pi/2, pi/2], and "
-                f"sigma_elevation {self.sigma_elevation[row]:g} rad above 0; both are NaN in a row that is not seen"
+                f"sigma_elevation {self.sigma_elevation[row]:g} rad above 0; both are NaN where seen is False"
             )
 
 

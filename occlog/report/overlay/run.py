@@ -91,7 +91,9 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}
         found = {name: path for name, path in found.items() if path.is_file()}
         if not found.keys() & {"view_tracks", "tracks"}:
-            raise InputError(f"{given}: holds no tracks, so it is not the folder of a finished run", id="wrong-content")
+            raise InputError(
+                f"{given}: holds no tracks, so it is not the folder of a finished run; name another", id="wrong-content"
+            )
         world = asked.ground_tracks or found.get("tracks")
         return replace(
             asked,
@@ -135,7 +137,9 @@ def _summary(asked: OverlayRequest, names: list[str], shown: int, rate: float, p
 
 def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
     if not recording.cameras:
-        raise InputError(f"{recording.path}: holds no video to draw over", id="wrong-content")
+        raise InputError(
+            f"{recording.path}: holds no video to draw over; give a recording with video or images", id="wrong-content"
+        )
     for name in asked:
         if name not in recording.cameras:
             raise InputError(
