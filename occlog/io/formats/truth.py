@@ -112,8 +112,7 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
             f"{path}: corner {corner[double] % 1_000_000} is there twice at sync_index {sync[double]}; remove the "
-            "copies, "
-            "or make a file of each recording",
+            "copies, or make a file of each recording",
             id="duplicate-row",
         )
     grid[row, column] = xyz
@@ -126,9 +125,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
         raise InputError(
-            f"{path}: no time has all corners of the board, and fewer than {MIN_CORNERS} corners are there at all "
-            "times, so "
-            "its centre is undefined; omit times or corners that are often missing",
+            f"{path}: the board's centre is undefined: no time has all corners, and fewer than {MIN_CORNERS} are there "
+            "at all times; omit corners or times that are often missing",
             id="insufficient-data",
         )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
@@ -482,8 +480,8 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
             raise InputError(
-                f"{path}: is a folder, which is read as annotations of WILDTRACK (JSON) alone, and is not; give a "
-                "file of truth",
+                f"{path}: is a folder; only WILDTRACK's annotations (JSON, format wildtrack) are read from one; give "
+                "these, or a file",
                 id="unknown-format",
             )
         return _read_wildtrack(path, options)
