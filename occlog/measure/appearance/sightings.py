@@ -19,6 +19,7 @@ from occlog.core.image import bins_of, colour_counts, density
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
 from occlog.errors import InputError, option
+from occlog.io.files.timing.utc import time_words
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
@@ -297,8 +298,13 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
         if not len(whole):
             continue
-        if (np.diff(whole.t_ns) < 0).any():
-            raise InputError("boxes: times go back; sort the rows by t_ns", id="unsorted-times")
+        if (back := np.flatnonzero(np.diff(whole.t_ns) < 0)).size:
+            before, after = whole.t_ns[back[0] : back[0] + 2].tolist()
+            raise InputError(
+                f"boxes: time {time_words(after)} is earlier than the preceding {time_words(before)}; sort the rows "
+                "by t_ns",
+                id="unsorted-times",
+            )
         cut = int(np.searchsorted(whole.t_ns, whole.t_ns[-1]))
         if cut:
             yield whole.take(slice(0, cut))

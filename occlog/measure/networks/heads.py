@@ -161,7 +161,7 @@ def recognise(
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
         raise InputError(
-            f"it is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
+            f"the network is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
             f"{shapes(outputs)}",
             id="unsupported-network",
         )
@@ -491,7 +491,7 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
     if declared is not None:
         if count is not None and max(declared) >= count:
             raise InputError(
-                f"names its class {max(declared)}, but has {count} classes; give their names in a file "
+                f"the network names its class {max(declared)}, but has {count} classes; give their names in a file "
                 f"({option('names')})",
                 id="unsupported-network",
             )
