@@ -295,16 +295,15 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
     """Rechunk boxes so that all rows of a time are in one chunk; InputError if times go back."""
     held: Boxes | Views | None = None
     for chunk in chunks:
-        whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
-        if not len(whole):
+        if not len(chunk):
             continue
-        if (back := np.flatnonzero(np.diff(whole.t_ns) < 0)).size:
-            before, after = whole.t_ns[back[0] : back[0] + 2].tolist()
+        if held is not None and chunk.t_ns[0] < held.t_ns[-1]:
             raise InputError(
-                f"boxes: time {time_words(after)} is earlier than the preceding {time_words(before)}; sort the rows "
-                "by t_ns",
+                f"boxes: time {time_words(chunk.t_ns[0])} is earlier than the preceding {time_words(held.t_ns[-1])}; "
+                "sort the rows by t_ns",
                 id="unsorted-times",
             )
+        whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
         cut = int(np.searchsorted(whole.t_ns, whole.t_ns[-1]))
         if cut:
             yield whole.take(slice(0, cut))
