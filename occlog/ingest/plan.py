@@ -208,7 +208,7 @@ class IngestPlan(Settings):
     )
     world_frame: str | None = setting(
         None,
-        "Frame of a bag that is the world: z up, the ground at 0.",
+        "Coordinate frame (tf) of a bag that is the world: z up, the ground at 0.",
         option="--world-frame",
         metavar="FRAME",
         nothing="the highest one in which the cameras are static",
@@ -253,7 +253,7 @@ class IngestPlan(Settings):
         "cv2.fisheye) or brown (k1, k2, p1, p2).",
         choices=("brown", "fisheye"),
         option="--lens-model",
-        nothing="as stated",
+        nothing="as stated; else refused, in TOML brown",
     )
     ground_height: float | None = setting(
         None,
@@ -279,7 +279,8 @@ class IngestPlan(Settings):
     )
     truth_first_number: int | None = setting(
         None,
-        "Number that the first frame of a video has in the ground truth, if it is another than in tables of boxes.",
+        "Number that the first frame of a video has in the ground truth, if it is another "
+        "than in tables of boxes; it is subtracted.",
         at_least=0,
         option="--truth-first-number",
         nothing="as in tables of boxes",
@@ -293,7 +294,11 @@ class IngestPlan(Settings):
         nothing="PNG and JPEG files as they are, all else as jpeg",
     )
     jpeg_quality: int = setting(
-        95, "Quality of frames stored as JPEG.", at_least=1, at_most=100, option="--jpeg-quality"
+        95,
+        "Quality of frames stored as JPEG: 1 (smallest files) to 100 (best).",
+        at_least=1,
+        at_most=100,
+        option="--jpeg-quality",
     )
     confidence_scale: float = setting(
         1.0, "Divide the detector's confidences by this: 100 for percentages.", above=0, option="--confidence-scale"
@@ -316,7 +321,13 @@ class IngestPlan(Settings):
     ignore_extra_columns: bool = setting(
         False, "Skip unknown columns of tables.", option="--ignore-extra-columns", shown="refused"
     )
-    truth_format: str = setting("auto", "Format of the ground truth.", choices=TRUTHS, option="--truth-format")
+    truth_format: str = setting(
+        "auto",
+        "Format of --truth: csv, MOTChallenge (mot), CVAT, PETS (xml), caliscope, LOCATA, "
+        "WILDTRACK, VATIC or KITTI; `auto` recognises it.",
+        choices=TRUTHS,
+        option="--truth-format",
+    )
     doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
     doa_unit: str | None = setting(
         None,
@@ -335,7 +346,7 @@ class IngestPlan(Settings):
     )
     odas_hop_s: str | None = setting(
         None,
-        "Time from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
+        "Time [s] from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
         unit="s",
         option="--odas-hop",
         metavar="SECONDS",

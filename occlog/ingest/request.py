@@ -57,15 +57,19 @@ class IngestRequest(Request):
     )
     output: Path = output_file("Recording (MCAP).")
     topic: tuple[str, ...] = _several(
-        "Topic of a bag: images, calibration or boxes of camera NAME, directions of array NAME, or true positions "
-        "of target number NAME.",
+        "Topic of a bag to read as NAME: images, calibration or boxes of camera NAME, "
+        "directions of array NAME, or true positions of target number NAME; may be repeated.",
         "--topic",
         "NAME=TOPIC",
     )
-    topics: tuple[Path, ...] = source("Topics in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
-    video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
+    topics: tuple[Path, ...] = source(
+        "YAML file with lines `NAME: TOPIC`, each as of --topic.", there=False, metavar="FILE"
+    )
+    video: tuple[str, ...] = _several("Video file of a camera, CAM=FILE; may be repeated.", "--video", "CAM=FILE")
     images: tuple[str, ...] = _several(
-        "Images of a camera, in natural order of their names: img2 before img10.", "--images", "CAM=FOLDER"
+        "Folder with the images of a camera, read in natural order of their names: img2 before img10; may be repeated.",
+        "--images",
+        "CAM=FOLDER",
     )
     boxes: tuple[str, ...] = _several(
         "Boxes: CSV (frame, left, top, width, height [px]; camera, confidence), JSON (COCO, supervision, "
@@ -73,10 +77,13 @@ class IngestRequest(Request):
         "--boxes",
         "[CAM=]PATH",
     )
-    mot: tuple[str, ...] = _several("MOTChallenge detections; same as --boxes.", "--mot", "CAM=FILE")
+    mot: tuple[str, ...] = _several(
+        "MOTChallenge detections (det.txt) of a camera; same as --boxes CAM=FILE.", "--mot", "CAM=FILE"
+    )
     positions: tuple[str, ...] = _several(
-        "Positions on the ground that a detector reports (network for the ground plane, lidar, radar): CSV, Parquet, "
-        "or the text of MVDet and MVDeTr.",
+        "Positions on the ground that a detector reports (network for the ground plane, "
+        "lidar, radar): CSV or Parquet (time or frame, x, y in the scene's unit, ...), or "
+        "the text of MVDet and MVDeTr; may be repeated.",
         "--positions",
         "[SOURCE=]FILE",
     )
@@ -93,11 +100,21 @@ class IngestRequest(Request):
         "--doa",
         "[ARRAY=]FILE",
     )
-    reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
-    truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
+    reads: tuple[Path, ...] = source(
+        "Log of tag reads of fixed readers: a CSV table time [s], reader, tag, and perhaps "
+        "rssi [dBm]; may be repeated.",
+        there=False,
+        metavar="FILE",
+    )
+    truth: tuple[str, ...] = _several(
+        "Ground truth of targets in a format of --truth-format: positions (CSV: time or "
+        "frame, id, x, y) or boxes; may be repeated.",
+        "--truth",
+        "[CAM=]FILE",
+    )
     timestamps: tuple[str, ...] = _several(
-        "Times of the frames: one per line, or columns time, frame, camera. They take precedence over any other "
-        "source.",
+        "Times of the frames: text with one per line [s], or columns time [s] (or t_ms, "
+        "t_ns), frame, camera. They take precedence over any other source.",
         "--timestamps",
         "[CAM=]FILE",
     )
@@ -117,7 +134,8 @@ class IngestRequest(Request):
         shown="",
     )
     scene: Path | None = source(
-        "Scene with room, occluders, arrays and further cameras; a camera that the calibration has too is refused.",
+        "Scene file (YAML), or a recording, with room, occluders, microphone arrays and "
+        "further cameras; a camera that the calibration has too is refused.",
         there=False,
         scene=True,
     )
@@ -127,10 +145,15 @@ class IngestRequest(Request):
         "--arrays",
         "[NAME=]FILE",
     )
-    readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
+    readers: Path | None = source(
+        "Tag readers: a CSV table reader, x, y, and perhaps z, range (of reading) in the "
+        "scene's unit, and power [dBm] at 1 m.",
+        there=False,
+        metavar="FILE",
+    )
     start_time: tuple[str, ...] = _several(
-        "Date and time (ISO 8601, UTC) or seconds since 1970 of time 0 of the inputs; it is added to their times. "
-        "[default: 0]",
+        "Date and time (ISO 8601, UTC) or seconds since 1970 of time 0 of the inputs; it is "
+        "added to all their times but those of --truth. [default: 0]",
         "--start-time",
         "[CAM=]TIME",
     )
