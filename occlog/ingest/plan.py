@@ -207,7 +207,7 @@ class IngestPlan(Settings):
     )
     world_frame: str | None = option_setting(
         None,
-        "Frame of a bag that is the world: z up, the ground at 0.",
+        "Coordinate frame (tf) of a bag that is the world: z up, the ground at 0.",
         metavar="FRAME",
         nothing="the highest one in which the cameras are static",
     )
@@ -244,11 +244,11 @@ class IngestPlan(Settings):
         "Lens of calibrations that have four coefficients and do not state the model: fisheye (k1 to k4, of "
         "cv2.fisheye) or brown (k1, k2, p1, p2).",
         choices=("brown", "fisheye"),
-        nothing="as stated",
+        nothing="as stated; else refused, in TOML brown",
     )
     ground_height: float | None = option_setting(
         None,
-        "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
+        "Height of the ground along `up`, in the calibration's world [m]; it becomes z = 0. A wrong value shifts all "
         "positions of feet.",
         unit="m",
         metavar="HEIGHT",
@@ -267,7 +267,8 @@ class IngestPlan(Settings):
     )
     truth_first_number: int | None = option_setting(
         None,
-        "Number that the first frame of a video has in the ground truth, if it is another than in tables of boxes.",
+        "Number that the first frame of a video has in the ground truth, if it is another "
+        "than in tables of boxes; it is subtracted.",
         at_least=0,
         nothing="as in tables of boxes",
     )
@@ -278,7 +279,9 @@ class IngestPlan(Settings):
         choices=("jpeg", "png", "link"),
         nothing="PNG and JPEG files as they are, all else as jpeg",
     )
-    jpeg_quality: int = option_setting(95, "Quality of frames stored as JPEG.", at_least=1, at_most=100)
+    jpeg_quality: int = option_setting(
+        95, "Quality of frames stored as JPEG: 1 (smallest files) to 100 (best).", at_least=1, at_most=100
+    )
     confidence_scale: float = option_setting(
         1.0, "Divide the detector's confidences by this: 100 for percentages.", above=0
     )
@@ -290,18 +293,23 @@ class IngestPlan(Settings):
     )
     classes: tuple[str, ...] = setting(
         (),
-        "Class of boxes to read, by number or name; boxes of others are skipped. May be repeated.",
+        "Class of boxes to read, by number or name; boxes of other classes are skipped. May be repeated.",
         repeat=True,
         option="--class",
         metavar="NAME",
         shown="the only one",
     )
     ignore_extra_columns: bool = option_setting(False, "Skip unknown columns of tables.", shown="refused")
-    truth_format: str = option_setting("auto", "Format of the ground truth.", choices=TRUTHS)
+    truth_format: str = option_setting(
+        "auto",
+        "Format of --truth: csv, MOTChallenge (mot), CVAT, PETS (xml), caliscope, LOCATA, "
+        "WILDTRACK, VATIC or KITTI; `auto` recognises it.",
+        choices=TRUTHS,
+    )
     doa_format: str = option_setting("auto", "Format of the DOA logs.", choices=DOAS)
     doa_unit: str | None = option_setting(
         None,
-        "Unit of angles in columns without a unit in their name.",
+        "Unit of angles in columns of DOA logs without a unit in their name.",
         choices=("deg", "rad"),
         nothing="the format's own",
     )
@@ -314,7 +322,7 @@ class IngestPlan(Settings):
     )
     odas_hop_s: str | None = setting(
         None,
-        "Time from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
+        "Time [s] from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
         unit="s",
         option="--odas-hop",
         metavar="SECONDS",
@@ -552,10 +560,12 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
-            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}", id="camera-not-named")
+            raise UsageError(
+                f"{option(setting)} {path}: lacks the name of its camera; give CAMERA={path}", id="camera-not-named"
+            )
         if name in out:
             raise UsageError(
-                f"{setting}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
+                f"{option(setting)}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
             )
         out[name] = path
     return out

@@ -25,7 +25,7 @@ def bounded_ns(t_ns: int) -> int:
     """Return a time or length of time `t_ns` [ns] from a file unchanged; ValueError if it is beyond +-`MAX_NS`."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
-        raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
+        raise ValueError(f"its time of {far} is out of range (years 1823 to 2116); check its unit")
     return t_ns
 
 
@@ -231,7 +231,7 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
         raise InputError(
-            f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must have one length",
+            f"column {c.name}: vectors of {length} and of {others[0]} numbers in one table; all must have one length",
             id="incompatible-inputs",
         )
     return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])
@@ -248,13 +248,15 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
     if c.kind == "U":
         return array.astype(np.str_)
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
-        raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
+        raise InputError(
+            f"column {c.name}: has floating-point numbers, but integers ({c.kind}) are declared; convert them"
+        )
     if array.dtype.kind in "iu" and c.dtype.kind in "iu" and array.dtype != c.dtype:
         low, high = c.limits
         bad = (array < low) | (array > high)
         if bad.any():  # a cast would make other numbers of them
             row = int(np.argwhere(bad)[0, 0])
-            raise InputError(f"{c.name}: row {row}: {array[row]} must be {low} to {high}")
+            raise InputError(f"column {c.name}: row {row}: {array[row]} must be {low} to {high}")
     return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
 
 
@@ -283,11 +285,15 @@ def check_columns(record: ColumnTable) -> None:
         fits = values.ndim == 2 if c.width == ANY_WIDTH else values.shape[1:] == ((c.width,) if c.width else ())
         if not ok or not fits:
             raise InputError(
-                f"{name}.{c.name}: expected {c.kind} of width {c.width}, got {values.dtype} {values.shape}"
+                f"{name}.{c.name}: expected {c.kind} with {c.width} numbers a row (0: a scalar, -1: any number), "
+                f"got {values.dtype} {values.shape}"
             )
         length = len(values) if length is None else length
         if len(values) != length:
-            raise InputError(f"{name}.{c.name}: {len(values)} rows, expected {length}")
+            raise InputError(
+                f"{name}.{c.name}: has {len(values)} rows, but the first column {length}; columns must have equal "
+                "lengths"
+            )
         if values.dtype.kind == "f":
             _check_finite(name, c, values)
         elif c.unit == "ns" and values.size:
@@ -312,9 +318,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
             bounded_ns(int(extreme))
         except ValueError as error:
             row = int(np.argwhere(values == extreme)[0, 0])
-            raise InputError(
-                f"{name}.{c.name}: row {row}: {error}; expected ns since 1970", id="time-out-of-range"
-            ) from None
+            raise InputError(f"{name}.{c.name}: row {row}: {error} (ns since 1970)", id="time-out-of-range") from None
 
 
 def check_order(table: ColumnTable) -> None:

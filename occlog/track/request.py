@@ -73,10 +73,12 @@ class TrackRequestBase(Request):
         metavar="NAME",
         shown="",
     )
-    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting(
+        (), "Use only the sensors of these names.", option="--cameras", metavar="A,B,...", shown=""
+    )
     without: tuple[str, ...] = setting(
         (),
-        "Exclude these sensors, for example to predict them with `evaluate --held-out`.",
+        "Exclude the sensors of these names, for example to predict them with `evaluate --held-out`.",
         option="--without",
         metavar="A,B,...",
         shown="",

@@ -70,11 +70,11 @@ FINDINGS = [
     ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="1000000000"').encode(), "b.xml: image 1000000000: "),
     ("positions", b"frame,x,y\n9007199254740993,1,2\n", "p.csv: frame 9007199254740993: its time"),
     ("foreign table (Arrow)", with_name(b"\xd3C"), "damaged or not an Arrow file"),
-    ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
+    ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "0xed that is not UTF-8"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"2\t0.2\t" + b"1" * 201 + b"\t2\t0\n", "a cell of more than 200 char"),
     ("trajectories (TRC)", seeds.TRC.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
     ("boxes (KITTI)", seeds.KITTI.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
-    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1001", "9" * 400).encode(), "no list of longitudes"),
+    ("trajectories (GeoJSON)", seeds.GEOJSON.replace("48.1001", "9" * 400).encode(), "no list of [longitude"),
     (
         "trajectories (GeoJSON)",
         seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(),

@@ -62,8 +62,13 @@ class CompareRequest(Request):
         metavar="LENGTH",
         shown="1 m",
     )
-    markdown: Path | None = sink("Also write the table as Markdown.")
-    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
+    markdown: Path | None = sink("Also write the table of the comparison as a Markdown file.")
+    seed: int = setting(
+        0,
+        "Seed of the sign flips of the test, which are drawn at random for more than 15 recordings or intervals.",
+        at_least=0,
+        option="--seed",
+    )
 
     @property
     def inputs(self) -> list[Path]:

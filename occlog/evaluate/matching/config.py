@@ -55,7 +55,7 @@ class EvaluateConfig(Settings):
     )
     settling_s: float = setting(
         0.0,
-        "Settling time: also report `settled_` metrics without this time after the first estimate of each target.",
+        "Settling time: also report `settled_` metrics, which omit this time after the first estimate of each target.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -65,7 +65,7 @@ class EvaluateConfig(Settings):
     )
     from_ns: int | None = setting(
         None,
-        "Also report `settled_` metrics from this time on [ns since 1970].",
+        "Also report `settled_` metrics, of estimates from this time on [ns since 1970].",
         option="--from",
         metavar="T_NS",
         nothing="the first estimate",
@@ -80,7 +80,8 @@ class EvaluateConfig(Settings):
     )
     gate_px: float | None = setting(
         None,
-        "Gate in pixels for cameras, instead of --gate-sigma.",
+        "Gate for cameras instead of --gate-sigma: largest horizontal distance in the image between a bearing and the "
+        "truth [px].",
         above=0,
         option="--gate-px",
         metavar="PX",
@@ -88,7 +89,7 @@ class EvaluateConfig(Settings):
     )
     occluder_diameter: float | None = setting(
         None,
-        "Diameter of moving objects of the truth, which occlude those behind them.",
+        "Diameter of moving objects of the truth, which occlude those behind them, in the scene's unit.",
         above=0,
         option="--occluder-diameter",
         metavar="LENGTH",
@@ -97,8 +98,8 @@ class EvaluateConfig(Settings):
     )
     motion: str = setting(
         "waypoint",
-        "Motion model of the Cramer-Rao bound: `waypoint`, a walk with known drift, or `cv`, constant velocity "
-        "with noise.",
+        "Motion model of the Cramer-Rao bound: `waypoint`, a walk to known destinations at known speed with position "
+        "noise, or `cv`, constant velocity with noise.",
         choices=("waypoint", "cv"),
         option="--motion",
         kinds=WORLD,
@@ -133,7 +134,7 @@ class EvaluateConfig(Settings):
     )
     prior_covariance: tuple[float, float, float] | None = setting(
         None,
-        "Prior covariance of the position at the first observation, for the bound.",
+        "Prior covariance xx, xy, yy of the position at the first observation, for the bound [m^2, or scene unit^2].",
         counts=(3,),
         apart=True,
         option="--prior",
@@ -143,7 +144,7 @@ class EvaluateConfig(Settings):
     )
     prior_variance_z: float | None = setting(
         None,
-        "Prior variance of the height at the first observation, for a bound in space.",
+        "Prior variance of the height at the first observation, for a bound in space [m^2, or scene unit^2].",
         above=0,
         option="--prior-z",
         metavar="ZZ",
@@ -160,7 +161,7 @@ class EvaluateConfig(Settings):
     )
     held_out: tuple[str, ...] = setting(
         (),
-        "Predict this sensor (its bearings, or all boxes of --views) from tracks made without it; may be repeated.",
+        "Predict the bearings of this sensor, or its boxes in --views, from tracks made without it; may be repeated.",
         repeat=True,
         option="--held-out",
         metavar="SENSOR",
@@ -169,7 +170,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate: float = setting(
         0.05,
-        "Gate: a bearing within this angle of its prediction counts as predicted.",
+        "Gate: a held-out bearing within this angle of its prediction from the tracks counts as predicted.",
         above=0,
         scale=1e-3,
         option="--held-out-gate-mrad",
@@ -177,7 +178,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate_px: float = setting(
         100.0,
-        "Gate: a box within this distance of a predicted track counts as predicted.",
+        "Gate: a held-out box within this distance of a track projected into the image counts as predicted.",
         unit="px",
         above=0,
         option="--held-out-gate-px",
@@ -193,7 +194,7 @@ class EvaluateConfig(Settings):
     )
     triangulation_window_s: float = setting(
         0.0,
-        "Observations closer together in time make one scan.",
+        "Observations closer together in time than this make one scan.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -211,7 +212,8 @@ class EvaluateConfig(Settings):
     )
     triangulation_tolerance: float | None = setting(
         None,
-        "Also report the share of scans in which the track is within this distance of the triangulated point.",
+        "Also report the share of scans in which the track is within this distance of the triangulated point [m, or "
+        "scene unit].",
         above=0,
         option="--triangulation-tolerance",
         metavar="LENGTH",

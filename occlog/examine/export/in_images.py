@@ -91,7 +91,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
-            f"the text holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
+            f"a text of boxes holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
             id="ambiguous-input",
         )
     if camera is not None and camera not in cameras:

@@ -56,7 +56,7 @@ class Sink(io.RawIOBase):
     def write(self, data: Any) -> int:
         """Write bytes to the file and return their number; TypeError for anything but bytes."""
         if not isinstance(data, bytes | bytearray | memoryview):
-            raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
+            raise TypeError(f"an exporter writes bytes, not {type(data).__name__}; encode the text")
         return self._file.write(data)
 
     def writable(self) -> bool:
@@ -92,7 +92,7 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
             continue
         if not hasattr(rows, column):
             raise UsageError(
-                f"{option}: format {name} writes {rows.NAME}, which have none; leave it out", id="not-applicable"
+                f"{option}: format {name} writes {rows.NAME}, which have no {column}; leave it out", id="not-applicable"
             )
         rows = rows.take(np.isin(getattr(rows, column), given))
     return rows
@@ -162,7 +162,8 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     opened = open_input(request.input)
     if name != "geojson" and origin_is_unused():
         raise UsageError(
-            f"origin: format {name} takes none, and the input has no latitudes and longitudes", id="not-applicable"
+            f"origin: format {name} takes none, and the input has no latitudes and longitudes; leave it out",
+            id="not-applicable",
         )
     table = _table(opened, form, name, request.table)
     scene = load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene

@@ -275,7 +275,7 @@ class ArrowCells:
             raise self.fail(row, f"{name} has {lengths[row]} numbers; {width} were expected")
         if (beyond := _beyond(flat := column.flatten())).any():
             value = _shown(flat[int(np.flatnonzero(beyond)[0])])
-            raise InputError(f"{self._path}: column {name} has {value}; numbers within {EXACT:.0f} were expected")
+            raise InputError(f"{self._path}: column {name} has {value}; whole numbers must be within +-{EXACT:.0f}")
         out = np.full((len(self), width), np.nan)
         numbers = pc.fill_null(pc.cast(flat, pa.float64()), np.nan)
         out[there] = to_numpy(numbers).reshape(-1, max(width, 1))

@@ -144,7 +144,9 @@ def read_positions(path: Path, options: PositionOptions) -> PositionLog:
     counted = bool((rows.t_ns == NO_TIME).all())
     rows, skipped = _chosen(rows, options.frames) if counted else (rows, 0)
     if not len(rows.line):
-        raise InputError(f"{path}: holds no position of the frames that are chosen", id="empty-input")
+        raise InputError(
+            f"{path}: holds no position of the chosen frames; choose others ({option('frames')})", id="empty-input"
+        )
     step = _frame_step(rows.frame) if counted else 0
     if counted:
         rows = _timed(path, rows, options)
@@ -377,7 +379,7 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
             f"{path}: line {int(rows.line[row])}: frame {rows.frame[row] + options.first_number} is before "
-            f"{option('first_number')} {options.first_number}; give a smaller one"
+            f"{option('first_number')} {options.first_number}; give a smaller first number"
         )
     t_ns = rows.t_ns.copy()
     for name in np.unique(rows.sensor).tolist():

@@ -110,7 +110,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         first = np.unique(row * len(names) + column, return_index=True)[1]
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
-            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file",
+            f"{path}: corner {corner[double] % 1_000_000} is there twice at sync_index {sync[double]}; remove the "
+            "copies, or make a file of each recording",
             id="duplicate-row",
         )
     grid[row, column] = xyz
@@ -123,13 +124,17 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
         raise InputError(
-            f"{path}: the board's centre is undefined: at no time are all its corners there, and fewer than "
-            f"{MIN_CORNERS} are there at every time",
+            f"{path}: the board's centre is undefined: no time has all corners, and fewer than {MIN_CORNERS} are there "
+            "at all times; omit corners or times that are often missing",
             id="insufficient-data",
         )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
     if missing:
-        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps", id="missing-times")
+        raise InputError(
+            f"{path}: sync_index {missing[0]} has no time in the file of {option('timestamps')}; give that of the same "
+            "recording",
+            id="missing-times",
+        )
     t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
     n = len(kept)
     with naming(path):
@@ -245,7 +250,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
             )
         if frame <= last:
             raise InputError(
-                f"{path}: frame {frame + first_number} does not come after the one before it; sort them",
+                f"{path}: frame {frame + first_number} does not come after the <frame> before it; sort them by number",
                 id="unsorted-times",
             )
         yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
@@ -263,7 +268,7 @@ def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
         box = required(thing, "box", location)
         xc, yc, w, h = (number(box, name, location) for name in ("xc", "yc", "w", "h"))
         if not (w > 0 and h > 0):
-            raise InputError(f"{location}: box of {w:g} x {h:g} px; both must be above 0")
+            raise InputError(f"{location}: box of {w:g} x {h:g} px; width and height must be above 0")
         rows.append((number_of_frame, identity, xc, yc, w, h))
     return rows
 
@@ -456,7 +461,9 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
             raise InputError(
-                f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected", id="unknown-format"
+                f"{path}: is a folder; only WILDTRACK's annotations (JSON, format wildtrack) are read from one; give "
+                "these, or a file",
+                id="unknown-format",
             )
         return _read_wildtrack(path, options)
     check_input(path, WHAT)

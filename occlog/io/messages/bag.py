@@ -147,7 +147,7 @@ class Bag:
                     if unpacked > most:
                         raise InputError(
                             f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
-                            f"bytes unpack to more than {most} bytes; it is damaged or no recording",
+                            f"bytes unpack to more than {most} bytes; it is damaged, copy it again",
                             id="input-too-large",
                         )
                     yield message._replace(data=data)
@@ -507,7 +507,9 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             out.frames[camera] = out.frames.get(camera) or info.header.frame
     unread = next((topic for topic in out.map.images.values() if topic not in sizes), None)
     if unread is not None:
-        raise InputError(f"topic {unread}: holds no image that can be read; leave it out", id="unsupported-format")
+        raise InputError(
+            f"topic {unread}: holds no image that can be read; leave this topic out", id="unsupported-format"
+        )
     return out
 
 
@@ -522,7 +524,9 @@ def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
         except InputError as error:
             raise InputError(f"topic {topic}: {error}") from None
         if size is None:
-            raise NoSizeError(f"topic {topic}: no message of its video has a key frame, with which decoding begins")
+            raise NoSizeError(
+                f"topic {topic}: no message of its video has a key frame, without which it cannot be decoded"
+            )
         return size
     shown = pixels(image, f"an image of {topic}")
     return shown.shape[1], shown.shape[0]

@@ -276,7 +276,7 @@ def _fix(message: Any) -> PoseMessage:
     """Geodetic position in a message of a satellite receiver (`NavSatFix`, `LocationFix`); InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
-        raise InputError(f"the receiver had no fix (status {status})")
+        raise InputError(f"the satellite receiver had no position fix (status {status})")
     header = _header(message) if hasattr(message, "header") else _own_header(message)
     position = [float(message.longitude), float(message.latitude), float(message.altitude)]
     return PoseMessage(header, np.array([position]), on_earth=True)
@@ -293,7 +293,8 @@ def _detection(entry: Any) -> BoxDetection:
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
     if float(getattr(centre, "theta", 0.0)):
         raise InputError(
-            f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected", id="unsupported-format"
+            f"a box that is rotated by {float(centre.theta):g} rad; boxes along the image axes were expected",
+            id="unsupported-format",
         )
     best: tuple[float, str] = (float("nan"), "")
     for result in entry.results:
@@ -399,7 +400,7 @@ def decoder(topic: BagTopic) -> Decode:
 
 def _json(data: bytes) -> object:
     if (objects := data.count(b"{") + data.count(b"[")) > MAX_OBJECTS:
-        raise ValueError(f"{objects} objects and lists in a message of JSON; at most {MAX_OBJECTS} are read")
+        raise ValueError(f"{objects} objects and lists in a JSON message, limit {MAX_OBJECTS}")
     return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
@@ -425,7 +426,7 @@ def _foxglove(topic: BagTopic) -> Decode:
 
 def _check_listed(data: bytes) -> None:
     if len(data) > MAX_LISTED_BYTES:
-        raise ValueError(f"a message with lists of {len(data)} bytes; at most {MAX_LISTED_BYTES} are read")
+        raise ValueError(f"a message with lists has {len(data)} bytes, limit {MAX_LISTED_BYTES}")
 
 
 def is_readable(topic: BagTopic) -> bool:
@@ -577,13 +578,13 @@ def _checked(found: Any) -> Any:
         if not fields:
             raise ValueError(f"{name} has no fields")
         if any(isinstance(value, float) and not math.isfinite(value) for _, _, value in constants):
-            raise ValueError(f"{name} has a constant that is no number")
+            raise ValueError(f"{name} has a constant that is not finite")
         for field, (node, field_type) in fields:
             if node == nodes.ARRAY:
                 (kind, of), length = field_type
                 entries += length if kind != nodes.BASE or of[0] == "string" else 0
                 if length < 1 or entries > MAX_ENTRIES:
                     raise ValueError(
-                        f"{field}: an array of {length} entries; at least 1, and {MAX_ENTRIES} in all, are possible"
+                        f"{field}: an array of {length} entries; 1 or more, and {MAX_ENTRIES} in all, are read"
                     )
     return found

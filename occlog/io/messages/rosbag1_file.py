@@ -125,7 +125,7 @@ class Rosbag1File(IndexedFile):
         if at == 0:
             raise ValueError("the recorder did not close the bag, and messages may be missing")
         if not at < self._size and header.number(b"conn_count"):
-            raise ValueError(f"it should begin at byte {at} of {self._size}")
+            raise ValueError(f"the index should begin at byte {at}, but the file has {self._size} bytes")
         for _ in range(header.number(b"conn_count")):
             record = self._record(file, at)
             self._connect(record, _data(file, record))
@@ -134,7 +134,9 @@ class Rosbag1File(IndexedFile):
         for _ in range(header.number(b"chunk_count")):
             record = self._record(file, at)
             if record.kind != CHUNK_INFO:
-                raise ValueError(f"a record of kind {record.kind} at byte {at}")
+                raise ValueError(
+                    f"the record at byte {at} is of kind {record.kind}; one of a chunk (kind {CHUNK_INFO}) was expected"
+                )
             data = _data(file, record)
             held = {int(connection): int(count) for connection, count in _TIME.iter_unpack(data)}
             counts.update(held)
@@ -150,12 +152,12 @@ class Rosbag1File(IndexedFile):
         file.seek(at)
         (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
         if length > MAX_HEADER:
-            raise ValueError(f"a record at byte {at} has a header of {length} bytes")
+            raise ValueError(f"the record at byte {at} has a header of {length} bytes, limit {MAX_HEADER}")
         fields = _fields(file.read(length), length)
         (data,) = _LENGTH.unpack(file.read(_LENGTH.size))
         record = _Record(fields, at + 2 * _LENGTH.size + length, data)
         if not MESSAGE <= record.kind <= CONNECTION:
-            raise ValueError(f"a record at byte {at} of the unknown kind {record.kind}")
+            raise ValueError(f"the record at byte {at} is of the unknown kind {record.kind}")
         return record
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
@@ -235,7 +237,7 @@ class Rosbag1File(IndexedFile):
                         found.append(taken)
                 inner = end
             if len(records) < record.number(b"size") and not record.open:
-                raise ValueError(f"it should unpack to {record.number(b'size')} bytes")
+                raise ValueError(f"the chunk unpacks to {len(records)} bytes instead of {record.number(b'size')}")
         except _DAMAGE as error:
             reason = " ".join(str(error).split())[:100] or "data end early"
             self._lose(f"byte {at}", f"a damaged chunk was read up to its unpacked byte {inner} ({reason})")
@@ -265,7 +267,7 @@ class Rosbag1File(IndexedFile):
             ValueError: the record is damaged.
         """
         if record.kind != CONNECTION:
-            raise ValueError(f"a record of kind {record.kind} in place of a connection")
+            raise ValueError(f"a record is of kind {record.kind}; a connection (kind {CONNECTION}) was expected")
         number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
         stated = _fields(data, len(data))
         kind, md5 = (stated[field].decode("ascii", "replace") for field in (b"type", b"md5sum"))
@@ -279,10 +281,10 @@ class Rosbag1File(IndexedFile):
             )
         if number not in self._topics:
             if len(self._topics) >= MAX_CONNECTIONS:
-                raise ValueError(f"more than {MAX_CONNECTIONS} connections")
+                raise ValueError(f"the bag has more connections than the limit, {MAX_CONNECTIONS}")
             self._topics[number] = BagTopic(name, kind, ENCODING, stated[b"message_definition"], LANGUAGE, None)
         elif self._topics[number].name != name:
-            raise ValueError(f"connection {number} is of {self._topics[number].name} and of {name}")
+            raise ValueError(f"connection {number} is of two topics, {self._topics[number].name} and {name}")
 
 
 def _data(file: IO[bytes], record: _Record) -> bytes:
@@ -322,12 +324,12 @@ def _unpacked(data: bytes, record: _Record) -> bytes:
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {declared} bytes; the limit is {MAX_CHUNK_BYTES}")
+        raise ValueError(f"the chunk unpacks to {declared} bytes, limit {MAX_CHUNK_BYTES}")
     if compression == b"none":
         return data
     if compression not in UNPACKERS:
-        raise ValueError(f"unknown compression {compression.decode('ascii', 'replace')!r}")
+        raise ValueError(f"the chunk has the unknown compression {compression.decode('ascii', 'replace')!r}")
     out = bytes(UNPACKERS[compression]().decompress(data, declared + 1))
     if len(out) > declared:
-        raise ValueError(f"unpacks to more than the {declared} bytes that it states")
+        raise ValueError(f"the chunk unpacks to more than the {declared} bytes that it states")
     return out

@@ -77,7 +77,9 @@ class Detection(Request):
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = setting(
+        (), "Use these cameras only, names separated by commas.", option="--cameras", metavar="A,B,...", shown=""
+    )
     workers: int | None = number_of_threads()
 
     @property

@@ -321,7 +321,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
     if allowed.size > MAX_POINTS:
         raise UsageError(
             f"listen: a grid of {step:g} degrees has {allowed.size} directions, at most {MAX_POINTS} can be searched; "
-            f"give a wider {option('grid')}",
+            f"give a larger step: {option('grid')}",
             id="problem-too-large",
         )
     return DirectionGrid(azimuth, elevation, allowed)

@@ -74,7 +74,7 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
     if pair.undistorted:
         raise InputError(
             f"the fundamental matrix of {pair.a} and {pair.b} needs undistorted pixels, but no scene has the "
-            "lens distortion of these cameras; give the scene that it was made with",
+            "lens distortion of these cameras; give the scene that it was made with: {option('scene')}",
             id="incompatible-inputs",
         )
     raise InputError(

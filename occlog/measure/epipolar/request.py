@@ -51,7 +51,11 @@ class EpipolarRequest(Request):
         option="--from-tracks",
         metavar="FILE",
     )
-    fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
+    fundamental: Path | None = source(
+        "Fundamental matrices (JSON, or a recording that holds some) to check, or to write, instead of estimating "
+        "them.",
+        metavar="FILE",
+    )
     check: bool = setting(
         False,
         "Write nothing, and report how well the matches agree with the matrices or the poses.",
@@ -60,5 +64,5 @@ class EpipolarRequest(Request):
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
     cameras: tuple[str, ...] = setting(
-        (), "Only pairs of these cameras.", option="--cameras", metavar="A,B,...", shown=""
+        (), "Only pairs of these cameras, names separated by commas.", option="--cameras", metavar="A,B,...", shown=""
     )

@@ -121,7 +121,7 @@ class HullConfig(Settings):
     )
     exclude_targets: bool = setting(
         True,
-        "Omit clusters that are known to be of a target.",
+        "Omit clusters that are labelled as a target.",
         option="--exclude-targets/--include-targets",
     )
 

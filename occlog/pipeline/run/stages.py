@@ -236,7 +236,9 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
         measured = config.path.resolve().parent / str(config.values["table"])
         if "scene" not in config.values:
             raise InputError(
-                f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors", id="missing-scene"
+                f"{config.at('table')}: a file of measurements holds no scene; add the key `scene` with a scene "
+                "file or a table of sensor positions",
+                id="missing-scene",
             )
     else:
         measured = folder / "doa.parquet"

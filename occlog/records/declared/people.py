@@ -166,7 +166,7 @@ class Events(ColumnTable):
 
     def check(self) -> None:
         """InputError unless kinds are among `KINDS`."""
-        self.refuse(~np.isin(self.kind, KINDS), f"kind {{kind!r}} must be {', '.join(KINDS)}")
+        self.refuse(~np.isin(self.kind, KINDS), f"kind {{kind!r}} must be one of {', '.join(KINDS)}")
 
 
 MAX_BINS = 256
@@ -209,26 +209,34 @@ class Gallery(ColumnTable):
             return
         for name in ("angles", "bins"):
             values: Ints32 = getattr(self, name)
-            self.refuse(values != values[0], f"{name} is {{{name}}}, but {values[0]} in the first row")
+            self.refuse(
+                values != values[0],
+                f"{name} is {{{name}}}, but {values[0]} in the first row; it must be equal in all rows",
+            )
         if not 2 <= self.bins[0] <= MAX_BINS or self.angles[0] < 1:
             raise InputError(
-                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; expected 2 to {MAX_BINS} bins and 1 "
-                "angle or more"
+                f"Gallery: {self.bins[0]} bins of colour and {self.angles[0]} viewing angles; expected 2 to "
+                f"{MAX_BINS} bins and 1 angle or more"
             )
         self.refuse(
             (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles),
-            "target_id {target_id} must be at least 0, and angle {angle} 1 to {angles}",
+            "target_id {target_id} must be at least 0, and angle {angle} from 1 to {angles} (angles)",
         )
         self.refuse(
             (self.samples < 1) | (self.pixels < 1),
-            "{samples} samples and {pixels} pixels; expected at least 1 of each",
+            "learned from {samples} samples and {pixels} pixels; expected at least 1 of each",
         )
         bad = (self.density < 0).any(axis=1) | (np.abs(self.density.sum(axis=1) - 1.0) > 1e-6)
         bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)
-        self.refuse(bad, "density is invalid; its values must be at least 0 with sum 1, and 0 beyond the bins")
+        self.refuse(
+            bad,
+            "invalid density (colour histogram): its values must be at least 0 with sum 1, and 0 beyond the bins",
+        )
         pairs = np.column_stack([self.target_id, self.angle])
         if len(np.unique(pairs, axis=0)) < len(pairs):
-            raise InputError("Gallery: a target has two rows of one angle", id="duplicate-row")
+            raise InputError(
+                "Gallery: two rows have the same target_id and angle; keep one of them", id="duplicate-row"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,4 +278,8 @@ class AppearanceMatches(ColumnTable):
             bad = (
                 (suspended != np.isnan(self.rho)) | (suspended != (self.reason != "")) | (self.rho < 0) | (self.rho > 1)
             )
-        self.refuse(bad, "rho {rho:g} and reason {reason!r} do not go with decision {decision!r}")
+        self.refuse(
+            bad,
+            "decision {decision!r} with rho {rho:g} and reason {reason!r}; suspended: NaN and a reason, others: 0 to 1 "
+            "and none",
+        )

@@ -36,10 +36,10 @@ def _check_numbers(table: Boxes | Positions | Views, *ids: str) -> None:
     `ids` are the columns with identities.
     """
     table.refuse(
-        (table.frame < 0) | (table.frame >= MAX_FRAMES), f"frame {{frame}}; it must be from 0 and below {MAX_FRAMES}"
+        (table.frame < 0) | (table.frame >= MAX_FRAMES), f"frame {{frame}} must be from 0 and below {MAX_FRAMES}"
     )
     for name in ids:
-        table.refuse(getattr(table, name) < -1, f"{name} {{{name}}} must be at least -1")
+        table.refuse(getattr(table, name) < -1, f"{name} {{{name}}} must be at least -1 (-1: none)")
 
 
 def _check_sizes(table: Boxes | Views, boxes: Bools) -> None:
@@ -50,7 +50,7 @@ def _check_sizes(table: Boxes | Views, boxes: Bools) -> None:
         table.refuse(wrong, f"{reach}; no image is larger than {MAX_EDGE_PX:g} px")
     table.refuse(
         boxes & ~((table.width_px > 0) & (table.height_px > 0)),
-        "box of {width_px:g} x {height_px:g} px must have a size above 0",
+        "width and height of the box, {width_px:g} x {height_px:g} px, must be above 0",
     )
 
 
@@ -106,14 +106,13 @@ class Bearings(ColumnTable):
         """
         self.refuse(self.target_id < -1, "target_id {target_id} must be at least -1")
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
-        self.refuse(value != self.seen, "seen is {seen} but bearing is {bearing}")
         self.refuse(
-            self.sigma_px < MIN_SIGMA_PX, f"sigma_px {{sigma_px:g}} px must be above 0, at least {MIN_SIGMA_PX:g}"
+            value != self.seen, "seen is {seen} but bearing is {bearing}, sigma {sigma}; numbers if seen, else NaN"
         )
+        self.refuse(self.sigma_px < MIN_SIGMA_PX, f"sigma_px {{sigma_px:g}} px must be at least {MIN_SIGMA_PX:g} px")
         self.refuse(
             self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma >= MIN_SIGMA_RAD)),
-            "bearing {bearing:g} rad must be in [-pi, pi) and sigma {sigma:g} rad above 0, "
-            f"at least {MIN_SIGMA_RAD:g}",
+            f"bearing {{bearing:g}} rad must be in [-pi, pi), and sigma {{sigma:g}} rad at least {MIN_SIGMA_RAD:g} rad",
         )
         finite = np.isfinite(self.elevation)
         bad = (finite != np.isfinite(self.sigma_elevation)) | (finite & ~self.seen)
@@ -122,7 +121,7 @@ class Bearings(ColumnTable):
         self.refuse(
             bad,
             "elevation {elevation:g} rad must be in [-pi/2, pi/2], and sigma_elevation {sigma_elevation:g} rad above "
-            "0; both are NaN in a row that is not seen",
+            "0; both are NaN where seen is False",
         )
 
 
@@ -281,15 +280,15 @@ class Positions(ColumnTable):
         there = np.isfinite(self.x) & np.isfinite(self.y)
         self.refuse(
             there != (self.detection >= 0),
-            "detection {detection} at ({x:g}, {y:g}); a detection has a position, and a frame without any (-1) has "
-            "none",
+            "detection {detection} at ({x:g}, {y:g}); x and y are numbers where detection is from 0, NaN where it is "
+            "-1",
         )
         stated = np.isfinite(self.cov_xx)
         with np.errstate(invalid="ignore"):
             positive = (self.cov_xx > 0.0) & (self.cov_xx * self.cov_yy > self.cov_xy**2)
         self.refuse(
             (stated | np.isfinite(self.cov_yy)) & ~positive,
-            "its covariance is not positive definite; correct it, or leave it out",
+            "its covariance (cov_xx, cov_xy, cov_yy) is not positive definite; correct it, or set it to NaN (unknown)",
         )
 
 
@@ -308,7 +307,7 @@ class Reads(ColumnTable):
 
     def check(self) -> None:
         """InputError unless every row has a target (`target_id` at least 0)."""
-        self.refuse(self.target_id < 0, "target_id {target_id} of tag {tag} is below 0")
+        self.refuse(self.target_id < 0, "target_id {target_id} of tag {tag} must be at least 0")
 
 
 VALUES = ("range", "rssi", "tdoa", "range_difference")
@@ -360,17 +359,17 @@ class Measurements(ColumnTable):
 
         A bearing requires a range; a difference requires a second station, in `reference`.
         """
-        self.refuse(self.target_id < 0, "target_id {target_id} is below 0")
+        self.refuse(self.target_id < 0, "target_id {target_id} must be at least 0")
         for name in (*VALUES, *WITH_A_RANGE):
             self.refuse(getattr(self, f"sigma_{name}") <= 0, f"sigma_{name} {{sigma_{name}:g}} must be above 0")
         for name in WITH_A_RANGE:
             alone = np.isfinite(getattr(self, name)) & ~np.isfinite(self.range)
-            self.refuse(alone, f"has a {name} without a range; directions alone are bearings")
+            self.refuse(alone, f"has a {name} without a range; put directions alone into a table of bearings")
         self.refuse(np.asarray(~self.present.any(axis=1)), f"has none of {', '.join(VALUES)}; leave the row out")
         differs = np.isfinite(self.tdoa) | np.isfinite(self.range_difference)
         self.refuse(
             differs & ((self.reference == "") | (self.reference == self.sensor)),
-            "a difference requires two stations; sensor is {sensor!r} and reference {reference!r}",
+            "tdoa and range_difference are of two stations, but sensor is {sensor!r} and reference {reference!r}",
         )
 
     @property

@@ -52,14 +52,14 @@ class Tracks(ColumnTable):
         """InputError unless covariances are positive semidefinite (up to rounding) or NaN."""
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
         bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
-        self.refuse(bad, "the covariance is not positive semi-definite")
+        self.refuse(bad, "the covariance (cov_xx, cov_xy, cov_yy, cov_zz) is not positive semi-definite")
 
     def with_covariance(self) -> Self:
         """Return this table itself; InputError if any position has no covariance (`cov_xx` is NaN)."""
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
-                f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
-                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy",
+                f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no "
+                "covariance, which is required here; give columns cov_xx, cov_xy, cov_yy",
                 id="missing-column",
             )
         return self
@@ -187,7 +187,7 @@ class Particles(ColumnTable):
 
     def check(self) -> None:
         """InputError unless weights are from 0 to 1."""
-        self.refuse(~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9)), "expected 0 <= weight <= 1")
+        self.refuse(~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9)), "weight {weight:g} must be 0 to 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -331,4 +331,7 @@ class Cooperation(ColumnTable):
     def check(self) -> None:
         """InputError unless exactly the answered requests have positions."""
         there = np.isfinite(self.x) & np.isfinite(self.y)
-        self.refuse(self.answered != there, "answered is {answered} but x is {x:g}")
+        self.refuse(
+            self.answered != there,
+            "answered is {answered} but x is {x:g}; x and y are numbers if answered, else NaN",
+        )

@@ -69,7 +69,7 @@ class ViewTracks(ColumnTable):
         self.refuse(self.target_id < 0, "target_id {target_id} must be at least 0")
         for name, known in (("lifecycle", EVENTS), ("counterpart", COUNTERPARTS)):
             words = ", ".join(word or "empty" for word in known)
-            self.refuse(~np.isin(getattr(self, name), known), f"{name} {{{name}!r}} must be {words}")
+            self.refuse(~np.isin(getattr(self, name), known), f"{name} {{{name}!r}} must be one of {words}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

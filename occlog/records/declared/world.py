@@ -45,7 +45,7 @@ class Occluders(ColumnTable):
         there: Bools = np.asarray(np.isfinite(numbers).all(axis=0))
         _check_there(self, there)
         bad = there & ~semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)
-        self.refuse(bad, "the covariance is not positive semi-definite")
+        self.refuse(bad, "the covariance (cov_xx, cov_xy, cov_yy) is not positive semi-definite")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class Hulls(ColumnTable):
         sizes = np.diff(np.append(starts, len(self)))
         bad = self.corner != np.arange(len(self)) - np.repeat(starts, sizes)
         bad |= np.repeat(sizes < 3, sizes) & (self.occluder_id >= 0)
-        self.refuse(bad, "corners must be numbered 0, 1, 2, ... and be at least three a polygon")
+        self.refuse(bad, "corners of a polygon must be numbered 0, 1, 2, ... in its rows, and be at least three")
 
 
 def _check_there(table: Occluders | Hulls, there: Bools) -> None:

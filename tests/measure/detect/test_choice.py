@@ -118,7 +118,7 @@ def test_one_network_for_one_camera_and_background_subtraction_for_another(
     assert detect(both, tmp_path / "both", "--embed", str(tmp_path / "reid.onnx")) == ExitCode.DONE
     captured = capsys.readouterr()
     assert json.loads(captured.out)["method"] == "network (real), background"
-    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in captured.err
+    assert "camera drawn: the network finds people in 0 of 12 frames, but regions of their size move in" in captured.err
     for name, method in (("drawn", "background"), ("real", "network")):
         only = detect(both, tmp_path / name, "--method", method, "--cameras", name)
         assert only == ExitCode.DONE

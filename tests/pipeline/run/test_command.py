@@ -346,7 +346,7 @@ def test_a_table_needs_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str
     config = tmp_path / "run.yaml"
     config.write_text("occlog_run: 1\ntable: ranges.csv\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
-    assert "line 2: table: a table holds no scene; give a key `scene` with the sensors" in capsys.readouterr().err
+    assert "line 2: table: a file of measurements holds no scene; add the key `scene`" in capsys.readouterr().err
 
 
 def recording_with_video(folder: Path) -> Path:

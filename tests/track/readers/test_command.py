@@ -211,7 +211,7 @@ def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixtu
         ),
         (
             ["--refine", "left", "--refine-method", "parallel", "--refine-bearings", str(sights)],
-            "parallel requires two cameras",
+            "parallel requires exactly two cameras",
         ),
         (["--refine-bearings", str(sights)], "name them with --set refine="),
     ):

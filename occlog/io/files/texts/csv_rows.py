@@ -531,7 +531,7 @@ def _resolve(
             )
         if name is not None and name in names:
             raise InputError(
-                f"{path}: line {line}: two columns are called {name!r}; remove or rename one", id="duplicate-name"
+                f"{path}: line {line}: two columns are read as {name!r}; remove or rename one", id="duplicate-name"
             )
         names.append(name)
     return names

@@ -237,7 +237,7 @@ def number(element: Element, name: str, where: str, default: float | None = None
     text = element.get(name)
     if text is None:
         if default is None:
-            raise InputError(f"{where}: <{element.tag}> has no {name}", id="missing-value")
+            raise InputError(f"{where}: <{element.tag}> has no attribute {name}; add it", id="missing-value")
         return default
     try:
         value = float(text)

@@ -238,13 +238,13 @@ def read_people(file: Path) -> list[AnnotatedPerson]:
     check_input(file, "annotations of a frame")
     if file.stat().st_size > MAX_ANNOTATION_BYTES:
         raise InputError(
-            f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_ANNOTATION_BYTES} were expected",
+            f"{file}: {file.stat().st_size} bytes; annotations of a frame have at most {MAX_ANNOTATION_BYTES} bytes",
             id="input-too-large",
         )
     value = parse_json(file.read_bytes(), file, "annotations of a frame")
     if isinstance(value, dict) and isinstance(value.get("people"), list):
         raise InputError(
-            f"{file}: keypoints of OpenPose, which are not read; write a box around each person's",
+            f"{file}: keypoints of OpenPose, which are not read; write a table of boxes around people",
             id="unsupported-format",
         )
     if not isinstance(value, list):
@@ -272,7 +272,9 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
         if not isinstance(number, int) or not 0 <= number < 2**31:
             raise InputError(f"{where}: {name} is {str(number)[:40]}; a whole number from 0 was expected")
     if not isinstance(position, int) or not 0 <= position < ACROSS * ALONG:
-        raise InputError(f"{where}: positionID {position}; WILDTRACK's grid has {ACROSS} x {ALONG} points, from 0")
+        raise InputError(
+            f"{where}: positionID {position}; WILDTRACK's grid has the points 0 to {ACROSS * ALONG - 1}; correct it"
+        )
     edges = {
         int(view): {} if all(v == -1 for v in values) else dict(zip(EDGES.values(), map(repr, values), strict=True))
         for view, values in found.items()
@@ -488,7 +490,7 @@ def _read(file: Path, frame: int) -> list[Line]:
     """
     if file.is_file() and file.stat().st_size == 0:
         return []
-    text = bounded_text(file, "a text of labels", limit=MAX_LABEL_BYTES, encoding="utf-8-sig")
+    text = bounded_text(file, "a text with the labels of a frame", limit=MAX_LABEL_BYTES, encoding="utf-8-sig")
     out: list[Line] = []
     seen: set[str] = set()
     for number, line in enumerate(text.splitlines(), start=1):

@@ -323,7 +323,8 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     found = last_number(Path(name).stem)
     if key is None and found is None:
         raise InputError(
-            f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame", id="missing-value"
+            f"{path}: image {n}: file_name {name!r} has no number of the frame; give each image a key frame with it",
+            id="missing-value",
         )
     number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:

@@ -200,7 +200,7 @@ class Decoder:
             if message is None:
                 if last is None:
                     raise InputError(
-                        f"{self.path}: the decoder {self._death()} before the first frame; repair the file",
+                        f"{self.path}: the decoder {self._death()} before the first frame; copy or repair the file",
                         id="damaged-file",
                     )
                 self.death = self._death()

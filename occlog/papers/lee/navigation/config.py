@@ -92,7 +92,7 @@ class NavigateConfig(FieldSettings):
     walls: bool = setting(True, "The walls of the room repel too.", option="--walls/--no-walls")
     goal_tolerance: float | None = setting(
         None,
-        "Distance from the goal at which it is reached.",
+        "Distance from the goal, in the scene's unit, at which it is reached.",
         unit="length",
         above=0,
         option="--goal-tolerance",

@@ -28,7 +28,10 @@ class TrafficConfig(Settings):
         metavar="A,B",
     )
     image_kb: tuple[float, ...] = setting(
-        (40.0,), "Size of a camera's image, in units of 1000 bytes.", option="--image-kb", metavar="A,B,..."
+        (40.0,),
+        "Size of a camera's image, in units of 1000 bytes. Several sizes are simulated one by one.",
+        option="--image-kb",
+        metavar="A,B,...",
     )
     objects_share: tuple[float, ...] = setting(
         (0.1,),
@@ -39,7 +42,8 @@ class TrafficConfig(Settings):
     )
     channel: str | None = setting(
         None,
-        "Shared resource of the links between routers: one channel, a radio at each node, or nothing.",
+        "Shared resource of the links between routers: one channel (shared), a radio at each node (node), or nothing "
+        "(link).",
         choices=CHANNELS,
         option="--channel",
         nothing="as stated in the network",

@@ -85,12 +85,12 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         found[name] = path
     for name in sorted(lenses.keys() ^ extrinsics.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (extrinsics[name], "intrinsic")
-        known = f"rotation and translation {' or '.join(ROTATION[::3])} and {' or '.join(TRANSLATION[:2])}"
+        known = f"rotation {' or '.join(ROTATION[::3])}, translation {' or '.join(TRANSLATION[:2])}"
         if lacks == "intrinsic":
-            known = f"matrix {', '.join(MATRIX)}"
+            known = f"camera matrix {', '.join(MATRIX)}"
         raise InputError(
             f"{path}: camera {name} has no {lacks} file; give both, named as {_example(lacks, name)}; if this file has "
-            f"both, call its {known}",
+            f"both, rename its keys: {known}",
             id="missing-value",
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()

@@ -119,7 +119,7 @@ def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, F
     left = matrix[:, :3]
     if not abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3:
         raise InputError(
-            f"{where}: the left 3 x 3 part cannot be inverted; the camera would be at infinity",
+            f"{where}: the left 3 x 3 part cannot be inverted (a camera at infinity); correct its numbers",
             id="invalid-calibration",
         )
     # P and -P show the same image; the one with a positive determinant has points in front at w > 0.

@@ -246,7 +246,7 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
             )
     names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
     if not names:
-        raise UsageError("no camera is left to track in; omit fewer of them", id="too-few-sensors")
+        raise UsageError(f"{option('without')}: no camera is left to track in; exclude fewer", id="too-few-sensors")
     return names
 
 

@@ -29,7 +29,7 @@ class FitReadersConfig(Settings):
     )
     max_gap_s: float = setting(
         2.0,
-        "Maximum gap between two true positions to interpolate.",
+        "Maximum gap in time between two true positions to interpolate.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -38,7 +38,8 @@ class FitReadersConfig(Settings):
     )
     ranges: tuple[float, ...] | None = setting(
         None,
-        "Ranges to try for the virtual sensors; the one with the least error is kept.",
+        "Ranges to try for the virtual sensors [m, or scene unit], separated by commas; the one with the least error "
+        "is used.",
         unit="length",
         option="--ranges",
         metavar="A,B,...",
