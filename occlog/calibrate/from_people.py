@@ -78,7 +78,9 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
         job.note(line)
     if len(inputs.cameras) < 2:
         raise InputError(
-            f"{request.recording}: boxes of one camera; cameras are calibrated against each other", id="too-few-sensors"
+            f"{request.recording}: boxes of one camera, but cameras are calibrated against each "
+            "other; give boxes of two or more",
+            id="too-few-sensors",
         )
     sound = opened_directions(request, inputs)
     frames = _first_frames(inputs.frames, job)

@@ -554,7 +554,7 @@ def test_a_truth_of_other_times_than_the_measurements_is_doubted(
     assert run(["ingest", "-o", str(place / "a.mcap"), *scene, *inputs]) == ExitCode.DONE
     assert "no time in common" not in capsys.readouterr().err
     assert run(["ingest", "-o", str(place / "b.mcap"), *scene, *inputs, "--start-time", "1000"]) == ExitCode.DONE
-    assert "warning: the truth and the measurements have no time in common, " in capsys.readouterr().err
+    assert "warning: the truth and the measurements have no time in common: " in capsys.readouterr().err
 
 
 def test_a_target_of_two_files_is_not_at_two_places_at_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

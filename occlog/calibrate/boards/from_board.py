@@ -89,7 +89,9 @@ def _cameras(request: CalibrateRequest) -> list[str]:
     names = open_recording(path).cameras
     unknown = [name for name in (*request.cameras, *request.without) if name not in names]
     if unknown:
-        raise UsageError(f"no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor")
+        raise UsageError(
+            f"{path}: no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor"
+        )
     used = [n for n in names if n not in request.without and (not request.cameras or n in request.cameras)]
     if not used:
         raise InputError(f"{path}: has no images of a camera; record the board, or name its video", id="wrong-content")

@@ -120,8 +120,8 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
         other = first.setdefault(run.truth, name)
         if other != name:
             raise InputError(
-                f"{run.truth}: is the truth of both runs {other} and {name}; give each its own: {truth / other}.* "
-                f"and {truth / name}.*",
+                f"{run.truth}: is the truth of both runs {other} and {name}; give each its own: {other}.* and "
+                f"{name}.* in {truth}",
                 id="duplicate-name",
             )
 

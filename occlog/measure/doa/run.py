@@ -189,10 +189,9 @@ def _directions(
     if total == 0:
         least = frame_size(sound.rate, plan.config)
         raise InputError(
-            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
-            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
-            f"take a shorter {option('frame')} and "
-            f"{option('window')}, or leave the file out",
+            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are fewer than one frame has, "
+            f"{least} ({least / sound.rate:.3g} s); give a shorter {option('frame')} and {option('window')}, or leave "
+            "the file out",
             id="insufficient-data",
         )
     blocks = channels.watch(_blocks(sound, plan.channels))

@@ -422,9 +422,8 @@ def _images(inputs: PeopleInput) -> Opened | None:
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
-        f"{inputs.request.bearings}: a gallery needs appearance, but there are no images and "
-        f"no colours of boxes; give the recording with the video as {option('scene')}, or "
-        "views of `occlog detect`",
+        f"{inputs.request.bearings}: a gallery needs images, or colours of boxes; give the recording with the video "
+        f"as {option('scene')}, or views of `occlog detect`",
         id="wrong-content",
     )
 

@@ -323,7 +323,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if sizes is None:
         raise InputError(
             f"camera {camera.name}: the size of people in its images is unknown (no pose in an upright world with a "
-            f"known unit, no earlier detections); give their height in pixels ({option('person_height_px')})",
+            f"known unit); give their height in pixels ({option('person_height_px')})",
             id="missing-unit",
         )
     sizes = downscale_sizes(sizes, factor)

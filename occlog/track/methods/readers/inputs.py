@@ -300,8 +300,8 @@ class ReadsInput:
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.refine_method != "rays" and len(cameras) != 2:
             raise UsageError(
-                f"refine_method {config.refine_method} requires exactly two cameras to refine, got "
-                f"{len(cameras)}; name two, or use refine_method=rays",
+                f"{option('refine_method')} {config.refine_method} requires exactly two cameras to refine, got "
+                f"{len(cameras)}; name two, or use {option('refine_method')} rays",
                 id="too-few-sensors",
             )
         remedy = f"give bearings of the cameras that refine ({option('refine_bearings')})"

@@ -162,8 +162,7 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
         steps = chain(motion_of(config), np.diff(record.t_ns) / NS, before.mean, before.spread)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
-            f"map: the motion model does not fit the times of the bearings: {error}; use one of form cv "
-            "(`occlog fit-motion`)"
+            f"map: the motion model does not fit the times: {error}; use form cv (`occlog fit-motion`)"
         ) from error
     # Likelihood: a residual for each bearing (Eq. 4)
     lines = sight_lines(record, pending.at)
