@@ -137,7 +137,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
         problem = str(error).removeprefix(error.options[0]).lstrip(": ")
         raise InputError(f"{_place(config, stage, named)}: {problem}") from error
     except InputError as error:
-        if not error.options:
+        if not error.options and error.id != "file-not-found":  # the configuration names this file, in its own folder
             raise
         raise InputError(f"{config.at(stage)}: {error}") from error
     finally:

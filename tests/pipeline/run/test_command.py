@@ -195,7 +195,7 @@ def test_missed_threshold_is_reported_after_all_was_made(config: Path, capsys: p
         ("particles: 50", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
         ("particles: 50", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
         ("particles: 50", "output: x", "track.output: outputs of a run are in its folder"),
-        ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
+        ("room.yaml", "nowhere.yaml", "run.yaml: line 4: simulate: nowhere.yaml: no such file"),
         ("steps: 8", "render: 7", "simulate.render: expected true or false, got 7"),
     ],
 )
