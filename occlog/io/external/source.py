@@ -257,12 +257,12 @@ class ColumnSource(NamedTuple):
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
         """Yield the cells of the columns `names` as stored in the file, in parts, in file order."""
         if self.trajectories is not None:
-            yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
+            yield from map(TextCells.of, self.trajectories.read(self.path))
             return
         if self.kind == "CSV":
             columns = {name: (name.lower(),) for name in names}
             rows = read_rows(self.path, columns, WHAT, ignore_extra=True, commented=self.commented)
-            yield from map(TextCells, rows)
+            yield from map(TextCells.of, rows)
             return
         for part in self.parts or (self.path,):
             with _translated(part, self.kind):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -35,14 +36,9 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
         InputError: it is not XML, a point has no time or position, or no track has a point.
         UsageError: the geodetic origin of the scene is not stated.
     """
-    points: list[tuple[int, str, float, float, float]] = []
-    number = 0
-    for number, (track, time, latitude, longitude, height) in enumerate(_points(path), start=1):
-        points.append((track, time, latitude, longitude, height))
-        if len(points) == POINTS_PER_CHUNK:
-            yield _rows(path, points, number)
-            points = []
-    if points:
+    found, number = _points(path), 0
+    while points := list(islice(found, POINTS_PER_CHUNK)):
+        number += len(points)
         yield _rows(path, points, number)
     if not number:
         raise InputError(f"{path}: no track (<trk>) has a point (<trkpt>); {WHAT} was expected", id="empty-input")

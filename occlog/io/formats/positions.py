@@ -32,7 +32,7 @@ from occlog.io.files.texts.formats import (
     TextPart,
     read_format,
 )
-from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes, no_frame_times
 from occlog.io.files.timing.times import check_unit, time_column
 from occlog.records.tables import Positions
 
@@ -395,10 +395,7 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
 def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
     times = options.times.get(source, options.times.get(""))
     if times is None:
-        raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-            id="missing-times",
-        )
+        raise no_frame_times(path)
     return times
 
 

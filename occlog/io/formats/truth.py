@@ -50,7 +50,7 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes, no_frame_times
 from occlog.io.files.timing.times import TIME_COLUMNS, note_clock_set, time_column
 from occlog.io.files.timing.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
@@ -354,10 +354,7 @@ class TruthOptions:
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
-            raise UsageError(
-                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-                id="missing-times",
-            )
+            raise no_frame_times(where)
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
             raise UsageError(
@@ -551,10 +548,7 @@ def _has_places_alone(path: Path) -> bool:
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     camera = _one_camera(path, options)
     if camera not in options.times:
-        raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-            id="missing-times",
-        )
+        raise no_frame_times(path)
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 MAX_LEVELS = 15
 """15 levels are 240 bins; m is at most 256 ([Lee] Sec. 5.2.1)."""
@@ -39,45 +39,40 @@ class SightingConfig(Settings):
         option="--heading-window",
         metavar="SECONDS",
     )
-    min_speed: float = setting(
+    min_speed: float = option_setting(
         0.3,
         "Minimum speed at which people face the direction of their motion; below it the viewing angle is unknown.",
         unit="length/s",
         at_least=0,
-        option="--min-speed",
         metavar="SPEED",
     )
-    person_height: float = setting(
+    person_height: float = option_setting(
         11.3,
         "Height of a person, by which the track is projected into the image to find its box.",
         unit="length",
         people=1.7,
         above=0,
-        option="--person-height",
         metavar="LENGTH",
     )
-    iou_threshold: float = setting(
+    iou_threshold: float = option_setting(
         0.3,
         "IoU threshold (intersection over union) of a box with the predicted box of a track, for the box to be of "
         "the track.",
         above=0,
         at_most=1,
-        option="--iou-threshold",
         metavar="SHARE",
     )
-    max_occlusion: float = setting(
+    max_occlusion: float = option_setting(
         0.2,
         "Maximum occlusion: share of a box that boxes of nearer people may cover for it to be used.",
         at_least=0,
         at_most=1,
-        option="--max-occlusion",
         metavar="SHARE",
     )
-    min_pixels: int = setting(
+    min_pixels: int = option_setting(
         100,
         "Minimum number of pixels in the ellipse inscribed in a box, or in a region of views, for it to be used.",
         at_least=1,
-        option="--min-pixels",
         metavar="N",
     )
 
@@ -86,29 +81,26 @@ class SightingConfig(Settings):
 class LearnConfig(SightingConfig):
     """Settings of an appearance gallery."""
 
-    angle_step: float = setting(
+    angle_step: float = option_setting(
         30.0,
         "Step between viewing angles from the front (0 degrees) to the back (180), a divisor of 180. 180: front and "
         "back alone; 360: angles are not distinguished.",
         unit="deg",
         above=0,
         at_most=360,
-        option="--angle-step",
         metavar="DEG",
     )
-    colour_levels: int = setting(
+    colour_levels: int = option_setting(
         8,
         "Levels of hue, saturation and brightness: L (L + 1) colours are distinguished.",
         at_least=2,
         at_most=MAX_LEVELS,
-        option="--colour-levels",
         metavar="L",
     )
-    min_samples: int = setting(
+    min_samples: int = option_setting(
         5,
         "Minimum number of boxes from which one viewing angle of a target is learned.",
         at_least=1,
-        option="--min-samples",
         metavar="N",
     )
 
@@ -133,11 +125,10 @@ class MatchConfig(SightingConfig):
 
     OWNER: ClassVar[str] = "match"
 
-    min_similarity: float = setting(
+    min_similarity: float = option_setting(
         0.8,
         "Minimum similarity (Bhattacharyya coefficient without its bias) of a box to a target. Lower values match "
         "more boxes and mistake more.",
         at_least=0,
         at_most=1,
-        option="--min-similarity",
     )

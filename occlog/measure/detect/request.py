@@ -23,7 +23,7 @@ from occlog.request import (
     sink,
     source,
 )
-from occlog.settings import declaration, declared, like, setting
+from occlog.settings import declaration, declared, like, option_setting, setting
 
 from .config import AUTO, BACKGROUND, COMPONENTS, NETWORK, OF_BOXES, OUTLINES, DetectConfig
 
@@ -77,8 +77,8 @@ class Detection(Request):
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting(
-        (), "Use these cameras only, names separated by commas.", option="--cameras", metavar="A,B,...", shown=""
+    cameras: tuple[str, ...] = option_setting(
+        (), "Use these cameras only, names separated by commas.", metavar="A,B,...", shown=""
     )
     workers: int | None = number_of_threads()
 
@@ -126,10 +126,9 @@ class DetectRequest(Detection):
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
     embed: Path | None = _embed()
     network: Mapping[str, object] = group(lambda: NetworkConfig, only=OF_SHIPPED)
-    fuse: bool = setting(
+    fuse: bool = option_setting(
         False,
         "Fuse detections across cameras: remove false alarms, recover missed detections.",
-        option="--fuse",
         shown="",
     )
     fusion: Mapping[str, object] = group(
@@ -179,7 +178,7 @@ class PluginRequest(_BoxRequest):
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
-    method: str = setting("", "Detector of a plug-in, by name.", option="--method", metavar="NAME", shown="")
+    method: str = option_setting("", "Detector of a plug-in, by name.", metavar="NAME", shown="")
     own: Mapping[str, object] = group(None)
 
 

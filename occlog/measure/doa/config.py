@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 ALGORITHMS = {
     "srp": "SRP",
@@ -29,11 +29,10 @@ class DoaConfig(Settings):
 
     OWNER: ClassVar[str] = "listen"
 
-    algorithm: str = setting(
+    algorithm: str = option_setting(
         "srp",
         "Algorithm of pyroomacoustics: SRP-PHAT (srp), MUSIC, NormMUSIC, CSSM, WAVES or TOPS.",
         choices=tuple(ALGORITHMS),
-        option="--algorithm",
     )
     low_hz: float = setting(300.0, "Lower end of the frequency band.", unit="Hz", above=0, below=1e9)
     high_hz: float = setting(4000.0, "Upper end of the frequency band.", unit="Hz", above=0, below=1e9)
@@ -85,21 +84,19 @@ class DoaConfig(Settings):
         option="--min-separation",
         metavar="DEGREES",
     )
-    min_peak: float = setting(
+    min_peak: float = option_setting(
         0.6,
         "Ignore peaks of the spatial spectrum lower than this share of the way from its "
         "median to its maximum. Lower values report more directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--min-peak",
     )
-    min_confidence: float = setting(
+    min_confidence: float = option_setting(
         0.15,
         "Ignore directions with which phases agree less: 1 is one plane wave, 0 noise. Lower values report more "
         "directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--min-confidence",
     )
     min_level_db: float = setting(
         -80.0,
@@ -120,13 +117,12 @@ class DoaConfig(Settings):
         metavar="DB",
         nothing="no such limit",
     )
-    speed_of_sound: float | None = setting(
+    speed_of_sound: float | None = option_setting(
         None,
         "Speed of sound, in lengths of the scene per second.",
         unit="length/s",
         above=0,
         below=1e9,
-        option="--speed-of-sound",
         nothing="343 m/s",
     )
 

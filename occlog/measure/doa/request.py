@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from occlog.ingest.plan import pairs
 from occlog.request import Request, group, output_file, scene_file, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 from .config import DoaConfig
 
@@ -36,28 +36,25 @@ class DoaRequest(Request):
     )
     output: Path = output_file("Directions of arrival (Parquet).", "doa")
     scene: Path | None = scene_file()
-    arrays: tuple[str, ...] = setting(
+    arrays: tuple[str, ...] = option_setting(
         (),
         "Positions of the microphones of an array, instead of the scene's: a CSV table x, y, "
         "z [m], a row for each; may be repeated.",
-        option="--arrays",
         metavar="[NAME=]FILE",
         repeat=True,
         whole=True,
         shown="",
     )
-    channels: tuple[str, ...] = setting(
+    channels: tuple[str, ...] = option_setting(
         (),
         "Numbers of the channels of the sound files, from 1, separated by commas, in the "
         "order of the microphones. [default: all]",
-        option="--channels",
         metavar="A,B,...",
         shown="",
     )
-    start_time: tuple[str, ...] = setting(
+    start_time: tuple[str, ...] = option_setting(
         (),
         "Date and time (ISO 8601, UTC) or seconds since 1970 of the first sample. [default: 0]",
-        option="--start-time",
         metavar="[ARRAY=]TIME",
         repeat=True,
         whole=True,
@@ -70,13 +67,12 @@ class DoaRequest(Request):
         metavar="N|auto",
         shown="",
     )
-    band: tuple[float, ...] | None = setting(
+    band: tuple[float, ...] | None = option_setting(
         None,
         "Lowest and highest frequency to use [Hz]. [default: 300 4000]",
         unit="Hz",
         counts=(2,),
         apart=True,
-        option="--band",
         metavar="LOW HIGH",
         shown="",
     )

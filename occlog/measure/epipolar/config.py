@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,18 +14,16 @@ class EpipolarConfig(Settings):
 
     OWNER: ClassVar[str] = "epipolar"
 
-    points: str = setting(
+    points: str = option_setting(
         "centres",
         "Points of each target to match: `centres`, or `ends` (top and bottom) for people.",
         choices=("centres", "ends"),
-        option="--points",
     )
-    model: str = setting(
+    model: str = option_setting(
         "auto",
         "Model of the matches: `perspective`, `affine` (distant cameras with long lenses), or `auto`: affine unless "
         "perspective fits significantly better.",
         choices=("auto", "perspective", "affine"),
-        option="--model",
     )
     inlier_threshold_px: float = setting(
         3.0,

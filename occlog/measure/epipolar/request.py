@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, group, scene_file, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import EpipolarConfig
 
@@ -56,13 +56,12 @@ class EpipolarRequest(Request):
         "them.",
         metavar="FILE",
     )
-    check: bool = setting(
+    check: bool = option_setting(
         False,
         "Write nothing, and report how well the matches agree with the matrices or the poses.",
-        option="--check",
         shown="",
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
-    cameras: tuple[str, ...] = setting(
-        (), "Only pairs of these cameras, names separated by commas.", option="--cameras", metavar="A,B,...", shown=""
+    cameras: tuple[str, ...] = option_setting(
+        (), "Only pairs of these cameras, names separated by commas.", metavar="A,B,...", shown=""
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, Verbs, group, output_file, scene_file, seed_of_all, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import AcousticConfig, HullConfig, PositionPriorConfig
 
@@ -33,14 +33,11 @@ class KalmanRequest(Request):
         "Occluder priors: mean and covariance of each occluder at each time (Parquet).", "occluders"
     )
     scene: Path | None = source("Scene (YAML or a recording), of which only the length unit is used.", scene=True)
-    measured: bool = setting(
-        False, "POSITIONS are real measurements: no noise is added.", option="--measured", shown=""
-    )
+    measured: bool = option_setting(False, "POSITIONS are real measurements: no noise is added.", shown="")
     settings: Mapping[str, object] = group(lambda: PositionPriorConfig)
-    without: tuple[int, ...] = setting(
+    without: tuple[int, ...] = option_setting(
         (),
         "Leave out the object with this identity; may be repeated.",
-        option="--without",
         metavar="ID",
         repeat=True,
         shown="",
@@ -71,8 +68,8 @@ class HullRequest(Request):
     bearings: Path | None = source(
         "Bearings made along with VIEWS, which distinguish frames without people from missing frames."
     )
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = option_setting((), "Exclude these cameras.", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: HullConfig, example="max_speed=2")
 
 

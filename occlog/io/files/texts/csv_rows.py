@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import Self, TextIO
 
 import numpy as np
 
@@ -128,7 +128,7 @@ class CsvRows:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def pick(self, kept: Ints) -> CsvRows:
+    def pick(self, kept: Ints) -> Self:
         """The rows with the given indices."""
         return replace(
             self,
@@ -206,8 +206,8 @@ class CsvRows:
             return cells.astype(np.int64)
         except (ValueError, OverflowError):
             values = self.floats(name, blank=blank is not None)
-            if blank is not None:
-                values = np.where(np.isnan(values), float(blank), values)
+        if blank is not None and (empty := np.isnan(values)).any():
+            return replace(self, cells={name: np.where(empty, str(blank), cells)}).ints(name)
         bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])

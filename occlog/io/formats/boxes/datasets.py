@@ -43,13 +43,12 @@ from occlog.errors import InputError
 from occlog.io.files.limits import bounded_text, check_input
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
 from occlog.io.files.programs import refuse_unread
-from occlog.io.files.texts.csv_rows import CsvRows, text_lines
+from occlog.io.files.texts.csv_rows import ROWS_PER_CHUNK, CsvRows, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import Probe, is_folder
 
-from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxReadOptions, BoxSource, rows_of
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxReadOptions, BoxSource, chunks_of, rows_of
 
-ROWS_PER_CHUNK = 16_384
 COLUMNS = 17
 """Without the score."""
 KITTI_COLUMNS = {0: "frame", 1: "id", 2: "class:label", 6: "left", 7: "top", 8: "right", 9: "bottom", 17: "confidence"}
@@ -74,16 +73,11 @@ def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
     Raises:
         InputError: no camera is stated.
     """
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}",
-            id="camera-not-named",
-        )
-    return BoxSource(_kitti(path), "KITTI text", first_number=0)
+    wanted.check_camera(path, "KITTI's text")
+    return BoxSource(chunks_of(path, _kitti(path), "line"), "KITTI text", first_number=0)
 
 
-def _kitti(path: Path) -> Iterator[CsvRows]:
-    records: list[tuple[int, dict[str, str]]] = []
+def _kitti(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in text_lines(path, file):
             cells = line.split()
@@ -95,12 +89,7 @@ def _kitti(path: Path) -> Iterator[CsvRows]:
                     "a score",
                     id="unknown-format",
                 )
-            records.append((number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}))
-            if len(records) == ROWS_PER_CHUNK:
-                yield rows_of(path, records, "line", ())
-                records = []
-    if records:
-        yield rows_of(path, records, "line", ())
+            yield number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}
 
 
 VATIC_COLUMNS = ("id", "left", "top", "right", "bottom", "frame")
@@ -119,10 +108,7 @@ def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
     Raises:
         InputError: no camera is stated.
     """
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}", id="camera-not-named"
-        )
+    wanted.check_camera(path, "VATIC text")
     return BoxSource(_vatic_chunks(path), "VATIC text", first_number=0)
 
 
@@ -141,8 +127,7 @@ def _vatic_chunks(path: Path) -> Iterator[CsvRows]:
             cells = dict(zip(VATIC_COLUMNS, found[1].split(), strict=True))
             records.append((number, {**cells, "class:label": found[5]}))
     records.sort(key=lambda record: float(record[1]["frame"]))
-    for start in range(0, len(records), ROWS_PER_CHUNK):
-        yield rows_of(path, records[start : start + ROWS_PER_CHUNK], "line", ())
+    yield from chunks_of(path, records, "line")
 
 
 ACROSS, ALONG = 480, 1440
