@@ -24,6 +24,8 @@ METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 """Metres in one unit of length; a scene may have its own unit also."""
 LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
 """Units that are a length to some power, times something that does not depend on the unit of length."""
+METAVARS = {"s": "SECONDS", "length": "LENGTH", "px": "PX", "deg": "DEGREES", "Hz": "HZ", "dB": "DB", "dBm": "DBM"}
+"""Placeholders of values in the help, by the unit, for options that declare none."""
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 C = TypeVar("C", bound="Settings")
 
@@ -49,6 +51,8 @@ MAX_SETTING, MIN_POSITIVE_SETTING = 1e12, 1e-15
 """Largest number of any setting, either way, and least of those above 0: their squares and quotients are numbers."""
 LONG_INTEGERS = ("seed", "_ns")
 """Ends of the names of settings that may be larger: seeds and times [ns]."""
+BY_NAME = "--*"
+"""Option with the name of its field."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,8 @@ class Declaration:
         counts: allowed lengths of a tuple; empty: any.
         people: default for scenes in metres, feet or inches, given in metres or by unit; None: the common default.
         own: default for scenes with a unit of their own; None: the common default.
-        option: option as click declares it (`--lag`, `--shadows/--no-shadows`); None: the setting is given by `--set`
-            only.
+        option: option as click declares it (`--lag`, `--shadows/--no-shadows`); `BY_NAME`: that of the field's name;
+            None: the setting is given by `--set` only.
         metavar: placeholder for the option's value in the help.
         shown: text for the default in the help; None: the default itself; empty: no text.
         nothing: text for None in the help and documentation.
@@ -147,6 +151,17 @@ def setting(default: Any, help: str, **declared: Any) -> Any:
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
+def option_setting(default: Any, help: str, **declared: Any) -> Any:
+    """Declare a field that has an option of the field's name: `lag_s` has the option `--lag-s`.
+
+    Args:
+        default: default value, as in `setting`.
+        help: help text of the option and of the documentation.
+        **declared: further attributes of the `Declaration`, except `option`.
+    """
+    return setting(default, help, option=BY_NAME, **declared)
+
+
 def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
     """Declare a field with the default and the declaration of a field in another settings class.
 
@@ -160,10 +175,11 @@ def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
     return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
 
 
+@functools.cache
 def declaration(of: Field[object]) -> Declaration:
-    """Return the declaration of a field of a settings class."""
+    """Return the declaration of a field of a settings class, with the option that `BY_NAME` stands for."""
     found: Declaration = of.metadata["setting"]
-    return found
+    return replace(found, option="--" + of.name.replace("_", "-")) if found.option == BY_NAME else found
 
 
 def listed(text: str) -> tuple[str, ...]:

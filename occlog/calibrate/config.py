@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,14 +14,13 @@ class CalibrateConfig(Settings):
 
     OWNER: ClassVar[str] = "calibrate"
 
-    person_height: float = setting(
+    person_height: float = option_setting(
         1.7,
         "Mean height of people. It determines the scale where no pose is stated: 5 % too small makes every "
         "distance 5 % too small. Typical 1.7 m for adults.",
         unit="m",
         above=0.2,
         at_most=3,
-        option="--person-height",
         metavar="METRES",
     )
     sigma_mean_height: float = setting(
@@ -34,13 +33,12 @@ class CalibrateConfig(Settings):
     sigma_person_height: float = setting(
         0.1, "Standard deviation of the height among people.", unit="m", above=0, at_most=1
     )
-    sigma_position: float = setting(
+    sigma_position: float = option_setting(
         0.5,
         "Standard deviation of the stated position of each camera, a prior of the estimate. Larger values allow larger "
         "corrections.",
         unit="m",
         above=0,
-        option="--sigma-position",
         metavar="METRES",
     )
     sigma_yaw: float = setting(
@@ -69,24 +67,20 @@ class CalibrateConfig(Settings):
         nothing="estimated from people",
         shown="estimated from people",
     )
-    max_clock_offset: float = setting(
+    max_clock_offset: float = option_setting(
         2.0,
         "Largest offset between the clocks of two cameras that is searched. Larger values take longer; 0: clocks "
         "agree, and are not estimated.",
         unit="s",
         at_least=0,
         at_most=600,
-        option="--max-clock-offset",
-        metavar="SECONDS",
     )
-    max_gap: float = setting(
+    max_gap: float = option_setting(
         10.0,
         "Longest time that a person is not seen between two views of cameras that share no view.",
         unit="s",
         above=0,
         at_most=60,
-        option="--max-gap",
-        metavar="SECONDS",
     )
     source_height: float = setting(
         1.5,

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from occlog.io.formats.calibration.outputs import format_of, is_folder
 from occlog.request import Request, group, output_file, scene_file, seed_of_all, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import CalibrateConfig
 
@@ -50,25 +50,22 @@ class CalibrateRequest(Request):
         result="scene",
     )
     scene: Path | None = scene_file()
-    ignore_poses: bool = setting(
+    ignore_poses: bool = option_setting(
         False,
         "Start without the poses of the scene, from the intrinsics alone. Needed where they are wrong by more than "
         "about 15 deg or 3 m.",
-        option="--ignore-poses",
         shown="",
     )
-    focal: bool = setting(
+    focal: bool = option_setting(
         False,
         "Also estimate the focal length of each camera, as a factor of the stated one. It stays as stated, with a "
         "warning, where the boxes do not determine it.",
-        option="--focal",
         shown="",
     )
-    radial: bool = setting(
+    radial: bool = option_setting(
         False,
         "Also estimate a correction of the first radial distortion coefficient (k1) of each lens, where the boxes "
         "determine it.",
-        option="--radial",
         shown="",
     )
     points: Path | None = source(
@@ -86,31 +83,28 @@ class CalibrateRequest(Request):
         suffix=".png",
         metavar="FILE",
     )
-    board: str | None = setting(
+    board: str | None = option_setting(
         None,
         "Calibrate lenses from this board: numbers of inner corners of a chessboard, or of squares of a ChArUco board, "
         "across and down.",
-        option="--board",
         metavar="COLUMNSxROWS",
         shown="",
     )
-    dictionary: str = setting(
+    dictionary: str = option_setting(
         "",
         "Markers of a ChArUco board, a dictionary of OpenCV, such as 4X4_50 or 5X5_100.",
-        option="--dictionary",
         metavar="NAME",
         shown="a chessboard",
     )
-    marker: float = setting(
+    marker: float = option_setting(
         0.75,
         "Side of a marker of a ChArUco board, as a fraction of the side of a square.",
         above=0,
         below=1,
-        option="--marker",
         metavar="SHARE",
     )
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = option_setting((), "Exclude these cameras.", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: CalibrateConfig, example="rounds=3")
     seed: int = seed_of_all()
 

@@ -1,10 +1,10 @@
 """Options of the command line made from declared settings, and commands with options that depend on a choice.
 
-A setting declared with `option=` becomes an option with its type, range, default and help; every setting can be given
-by `--set NAME=VALUE`. A `VariantCommand` has shared options and those of the chosen variant: `occlog track --method
-map` takes the options of `map` only. Settings of plug-ins are options with the plug-in's name as prefix: an exporter
-`gpx` with the setting `creator` has the option `--gpx-creator`. Installed plug-ins are searched for names that are not
-built in, and by --help.
+A setting that declares an option (`option_setting`, or `setting` with `option=`) has one with its type, range, default
+and help; every setting can be given by `--set NAME=VALUE`. A `VariantCommand` has shared options and those of the
+chosen variant: `occlog track --method map` takes the options of `map` only. Settings of plug-ins are options with the
+plug-in's name as prefix: an exporter `gpx` with the setting `creator` has the option `--gpx-creator`. Installed
+plug-ins are searched for names that are not built in, and by --help.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import click
 from occlog.errors import PluginError, UsageError, did_you_mean, nearest
 from occlog.plugins.loading import Chosen, Plugin, find, installed
 from occlog.settings import (
+    METAVARS,
     Declaration,
     SettingError,
     Settings,
@@ -80,7 +81,7 @@ class SettingOption(click.Option):
             required=f.default is MISSING,
             multiple=spec.repeat,
             nargs=spec.counts[0] if spec.apart else None,
-            metavar=spec.metavar,
+            metavar=spec.metavar or METAVARS.get(spec.unit),
             shell_complete=(lambda _ctx, _param, begun: [n for n in names if n.startswith(begun)]) if names else None,
             help=spec.help if spec.shown == "" else f"{spec.help} [default: {default_words(f)}]",
         )

@@ -10,7 +10,7 @@ from typing import ClassVar
 from occlog.plugins.loading import Chosen
 from occlog.request import SCENE_HELP as SCENE
 from occlog.request import Request, group, plugged, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 from .matching.config import AZIMUTHS, GROUND, IMAGES, KINDS, OTHERS, WORLD, EvaluateConfig
 from .mot.config import MANY, MultiTargetConfig
@@ -57,12 +57,8 @@ class EvaluateRequest(Request):
         "Additional directions of arrival. [default: those of the same recording]",
         kinds=(AZIMUTHS, *WORLD),
     )
-    doa_labels: bool = setting(
-        False,
-        "Source IDs in the log of directions are target IDs.",
-        option="--doa-labels",
-        shown="",
-        kinds=WORLD,
+    doa_labels: bool = option_setting(
+        False, "Source IDs in the log of directions are target IDs.", shown="", kinds=WORLD
     )
     truth_azimuths: Path | None = source(
         "True directions to compare --doa with: a log (time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
@@ -74,7 +70,6 @@ class EvaluateRequest(Request):
         at_least=0,
         at_most=180,
         option="--doa-gate",
-        metavar="DEGREES",
         nothing="10 deg",
         kinds=(AZIMUTHS,),
     )
@@ -98,10 +93,9 @@ class EvaluateRequest(Request):
         asked="never",
         kinds=WORLD,
     )
-    fail_if: tuple[str, ...] = setting(
+    fail_if: tuple[str, ...] = option_setting(
         (),
         "Exit with code 6 if this condition holds or is undefined, e.g. 'rmse>0.5'; may be repeated.",
-        option="--fail-if",
         metavar="CONDITION",
         repeat=True,
         whole=True,
@@ -112,12 +106,11 @@ class EvaluateRequest(Request):
     )
     settings: Mapping[str, object] = group(lambda: EvaluateConfig)
     multi_target: Mapping[str, object] = group(lambda: MultiTargetConfig)
-    frames: tuple[int, int] | None = setting(
+    frames: tuple[int, int] | None = option_setting(
         None,
         "Only frames A <= number < B; on the ground the times of the truth (else of the bearings) are numbered from 0.",
         counts=(2,),
         frames=True,
-        option="--frames",
         metavar="A:B",
         shown="",
         kinds=(IMAGES, *WORLD),

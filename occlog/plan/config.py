@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, like, setting
+from occlog.settings import Settings, like, option_setting, setting
 from occlog.simulate.config import WorldConfig
 from occlog.track.methods.apf.config import ApfConfig
 
@@ -19,34 +19,28 @@ class PlanConfig(Settings):
 
     OWNER: ClassVar[str] = "plan"
 
-    people: int | None = setting(
+    people: int | None = option_setting(
         None,
         "Number of people other than the target, who occlude it.",
         at_least=0,
         at_most=MAX_PEOPLE,
-        option="--people",
         nothing="from --density",
     )
-    density: float = setting(
+    density: float = option_setting(
         0.0,
         "People other than the target per square unit of the floor, where their number is not given.",
         at_least=0,
-        option="--density",
         metavar="NUMBER",
     )
     person_diameter: float = like(WorldConfig, "diameter", "Diameter of a person.")
-    height: float | None = setting(
+    height: float | None = option_setting(
         None,
         "Height of people who occlude the target from cameras of known height.",
         unit="length",
         above=0,
-        option="--height",
-        metavar="LENGTH",
         nothing="no camera sees over them, as in `occlog simulate`",
     )
-    target_height: float = setting(
-        0.0, "Height of the target.", unit="length", at_least=0, people=0.9, option="--target-height", metavar="LENGTH"
-    )
+    target_height: float = option_setting(0.0, "Height of the target.", unit="length", at_least=0, people=0.9)
     speed: float = like(WorldConfig, "speed", "Speed of target and people.")
     process_noise_position: float = like(
         WorldConfig,
@@ -78,7 +72,6 @@ class PlanConfig(Settings):
         above=0,
         at_most=1000,
         option="--rate",
-        metavar="HZ",
     )
     settling_s: float = setting(
         60.0,
@@ -89,27 +82,23 @@ class PlanConfig(Settings):
         above=0,
         at_most=3600,
     )
-    cells: int = setting(
+    cells: int = option_setting(
         400,
         "Number of positions of the map, approximately. More show finer detail and take longer.",
         at_least=4,
         at_most=100_000,
-        option="--cells",
     )
-    samples_per_cell: int = setting(
+    samples_per_cell: int = option_setting(
         16,
         "Random walks through each position, each with a crowd. More reduce the Monte Carlo error and take longer.",
         at_least=4,
         at_most=10_000,
-        option="--samples-per-cell",
     )
-    max_expected_error: float | None = setting(
+    max_expected_error: float | None = option_setting(
         None,
         "Report the share of the floor with an expected error below this.",
         unit="length",
         above=0,
-        option="--max-expected-error",
-        metavar="LENGTH",
         nothing="not reported",
     )
 

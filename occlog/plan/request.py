@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, group, seed_of_all, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import PlanConfig
 
@@ -38,33 +38,29 @@ class PlanRequest(Request):
     candidates: Path | None = source(
         "Scene file with cameras and arrays at possible positions for one more sensor; they are ranked.", metavar="FILE"
     )
-    along_walls: str | None = setting(
+    along_walls: str | None = option_setting(
         None,
         "Rank positions along the walls for a camera like this one of the scene (lens, height, noise), directed at "
         "the centre of the room.",
-        option="--along-walls",
         metavar="CAMERA",
         shown="",
     )
-    spacing: float | None = setting(
+    spacing: float | None = option_setting(
         None,
         "Maximum spacing of positions along a wall. [default: a sixteenth of the length of all walls]",
         unit="length",
         above=0,
-        option="--spacing",
-        metavar="LENGTH",
         shown="",
     )
-    add: int | None = setting(
+    add: int | None = option_setting(
         None,
         "Add N of the candidates one after the other, each time the one that reduces the error most.",
         at_least=1,
-        option="--add",
         metavar="N",
         shown="",
     )
-    remove: bool = setting(
-        False, "Rank the scene's own sensors by how little the error grows without them.", option="--remove", shown=""
+    remove: bool = option_setting(
+        False, "Rank the scene's own sensors by how little the error grows without them.", shown=""
     )
     paths: Path | None = source(
         "Tracks, or a recording with truth: weights the floor by the positions of these people.", metavar="FILE"

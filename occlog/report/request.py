@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Form, Request, Verb, VerbKind, group, load, scene_file, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 from .comparison.config import RunComparisonConfig
 
@@ -69,16 +69,15 @@ class PageRequest(ReportRequestBase):
     metrics: Path | None = source("Metrics of `occlog evaluate` (JSON).")
     images: Path | None = source("Recording with images, shown small next to the plan with the tracks drawn over them.")
     recording: Path | None = source("The same as --images, or what --video and --frame draw over.")
-    images_limit: float = setting(
+    images_limit: float = option_setting(
         5.0,
         "Maximum size of the images in the page; further images are omitted.",
         at_least=0.01,
         at_most=500,
-        option="--images-limit",
         metavar="MB",
     )
     markdown: Path | None = sink(MARKDOWN_HELP, result="report", suffix=".md", asked="markdown")
-    title: str = setting("Tracking report", "Heading of the page.", option="--title")
+    title: str = option_setting("Tracking report", "Heading of the page.")
 
     @cached_property
     def found(self) -> PageRequest:
@@ -119,15 +118,14 @@ class OverlayRequest(ReportRequestBase):
         "larger, no smears).",
         asked="video",
     )
-    frame: int | None = setting(
-        None, "Number, in the first camera, of the frame for --png.", at_least=0, option="--frame", shown=""
+    frame: int | None = option_setting(
+        None, "Number, in the first camera, of the frame for --png.", at_least=0, shown=""
     )
-    frames: tuple[int, int] | None = setting(
+    frames: tuple[int, int] | None = option_setting(
         None,
         "Video of frames A <= number < B of the first camera only.",
         counts=(2,),
         frames=True,
-        option="--frames",
         metavar="A:B",
         shown="",
     )
@@ -151,32 +149,18 @@ class OverlayRequest(ReportRequestBase):
         True, "Draw the floor plan next to the images, for ground tracks.", option="--plan/--no-plan", shown="plan"
     )
     trail_s: float = setting(
-        2.0,
-        "Length of the trail behind each target.",
-        unit="s",
-        at_least=0,
-        at_most=3600,
-        option="--trail",
-        metavar="SECONDS",
+        2.0, "Length of the trail behind each target.", unit="s", at_least=0, at_most=3600, option="--trail"
     )
     fundamental: Path | None = source("Epipolar geometry used by the tracker, if not that of the recording.")
-    scale: float | None = setting(
+    scale: float | None = option_setting(
         None,
         "Enlarge images.",
         at_least=0.05,
         at_most=16,
-        option="--scale",
         shown="by a whole number to about 360 px; no video is larger than 3840 x 2160 px",
     )
-    fps: float | None = setting(
-        None,
-        "Frame rate of the video.",
-        unit="Hz",
-        at_least=0.1,
-        at_most=1000,
-        option="--fps",
-        metavar="HZ",
-        shown="those of the recording",
+    fps: float | None = option_setting(
+        None, "Frame rate of the video.", unit="Hz", at_least=0.1, at_most=1000, shown="those of the recording"
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -195,9 +179,9 @@ class RunComparisonRequest(ReportRequestBase):
     other: Path = source("The other run.", argument=True)
     output: Path | None = sink(OUTPUT_HELP, option="-o/--output")
     settings: Mapping[str, object] = group(lambda: RunComparisonConfig)
-    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
+    seed: int = option_setting(0, "Seed of the random draws.", at_least=0)
     markdown: Path | None = sink(MARKDOWN_HELP)
-    title: str = setting("Two runs side by side", "Heading of the page.", option="--title")
+    title: str = option_setting("Two runs side by side", "Heading of the page.")
 
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.core.navigation.config import FieldSettings
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 START_NS = 1_577_836_800_000_000_000
 """Time of the first step unless the settings say otherwise: 2020-01-01T00:00:00Z."""
@@ -27,29 +27,17 @@ class WorldConfig(Settings):
 
     OWNER: ClassVar[str] = "world"
 
-    steps: int = setting(
-        4000, "Number of time steps, including the start.", people=600, at_least=1, at_most=10_000_000, option="--steps"
+    steps: int = option_setting(
+        4000, "Number of time steps, including the start.", people=600, at_least=1, at_most=10_000_000
     )
     step_s: float = setting(1.0, "Time between two steps.", unit="s", at_most=1e9, people=0.1, at_least=1e-6)
-    targets: int = setting(1, "Number of targets.", at_least=0, option="--targets")
-    occluders: int = setting(0, "Number of other moving objects.", at_least=0, option="--occluders")
-    diameter: float = setting(
-        3.33,
-        "Diameter of every object; centres keep this distance.",
-        unit="length",
-        people=0.5,
-        above=0,
-        option="--diameter",
-        metavar="LENGTH",
+    targets: int = option_setting(1, "Number of targets.", at_least=0)
+    occluders: int = option_setting(0, "Number of other moving objects.", at_least=0)
+    diameter: float = option_setting(
+        3.33, "Diameter of every object; centres keep this distance.", unit="length", people=0.5, above=0
     )
-    speed: float = setting(
-        1.0,
-        "Speed of an object, without noise.",
-        unit="length/s",
-        people=1.2,
-        above=0,
-        option="--speed",
-        metavar="LENGTH",
+    speed: float = option_setting(
+        1.0, "Speed of an object, without noise.", unit="length/s", people=1.2, above=0, metavar="LENGTH"
     )
     process_noise_position: float = setting(
         0.33,
@@ -58,41 +46,32 @@ class WorldConfig(Settings):
         people=0.05,
         at_least=0,
         option="--process-noise",
-        metavar="LENGTH",
     )
-    redirect_probability: float = setting(
-        0.095,
-        "Probability per second of a new destination before arrival; 0: on arrival only.",
-        option="--redirect-probability",
-        **SHARE,
+    redirect_probability: float = option_setting(
+        0.095, "Probability per second of a new destination before arrival; 0: on arrival only.", **SHARE
     )
-    wall_clearance: float = setting(
+    wall_clearance: float = option_setting(
         0.0,
         "Minimum distance of centres to walls and static occluders; in video at least half a diameter.",
         unit="length",
         people=0.25,
         at_least=0,
-        option="--wall-clearance",
-        metavar="LENGTH",
     )
-    object_height: float | None = setting(
+    object_height: float | None = option_setting(
         None,
         "Height of the reference point of the objects.",
         unit="length",
         people=0.9,
         at_least=0,
-        option="--object-height",
-        metavar="LENGTH",
         nothing="unknown",
         shown="0.9 m; unknown in a scene-specific unit, or for scripted targets",
     )
     start_ns: int = setting(START_NS, "Time of the first step.", unit="ns")
-    motion: str = setting(
+    motion: str = option_setting(
         "waypoints",
         "Motion: `waypoints`, straight on and evading at close range, or `field`, by potential fields ([Lee] Sec. "
         "5.2.2).",
         choices=("waypoints", "field"),
-        option="--motion",
     )
 
 
@@ -111,7 +90,6 @@ class FieldConfig(FieldSettings):
         above=0,
         at_most=1e6,
         option="--patience",
-        metavar="SECONDS",
     )
 
 
@@ -128,25 +106,22 @@ class ObserveConfig(Settings):
         people=0.5,
         at_least=0,
     )
-    pose_noise: str = setting(
+    pose_noise: str = option_setting(
         "white",
         "Pose errors (extrinsics) of cameras: `white`, new in every frame ([Ercan] Eq. 2), or `calibration`, "
         "constant per camera; then only the read noise is white.",
         choices=("white", "calibration"),
-        option="--pose-noise",
     )
-    miss_probability: float = setting(
+    miss_probability: float = option_setting(
         0.0,
         "Miss probability of a visible or audible target (1 - P_D); `detection` and `false_alarm_probability` "
         "of a camera in "
         "the scene take precedence.",
-        option="--miss-probability",
         **SHARE,
     )
-    false_alarm_probability: float = setting(
+    false_alarm_probability: float = option_setting(
         0.0,
         "False alarm probability of a frame in which a target is not detected, at a position uniform in the image.",
-        option="--false-alarm-probability",
         **SHARE,
     )
 
@@ -166,19 +141,10 @@ class SoundConfig(Settings):
         metavar="SOUND_S,SILENT_S",
         nothing="never",
     )
-    false_alarm_rate: float = setting(
-        0.0,
-        "False alarm rate: directions without a source per second and array.",
-        at_least=0,
-        option="--false-alarm-rate",
-        metavar="RATE",
+    false_alarm_rate: float = option_setting(
+        0.0, "False alarm rate: directions without a source per second and array.", at_least=0, metavar="RATE"
     )
-    label_doa: bool = setting(
-        False,
-        "Write the target ID of each direction, for tests.",
-        option="--label-doa",
-        shown="unlabelled",
-    )
+    label_doa: bool = option_setting(False, "Write the target ID of each direction, for tests.", shown="unlabelled")
     step_s: float = setting(
         1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
@@ -211,47 +177,31 @@ class ReadConfig(Settings):
         "Received power at 1 m of readers for which the scene states none.",
         unit="dBm",
         option="--read-power",
-        metavar="DBM",
     )
-    path_loss_exponent: float = setting(EXPONENT, "Exponent of the path loss.", above=0, option="--path-loss-exponent")
+    path_loss_exponent: float = option_setting(EXPONENT, "Exponent of the path loss.", above=0)
     noise_db: float = setting(
         NOISE_DB,
         "Measurement noise of a read: standard deviation of its white part.",
         unit="dB",
         at_least=0,
         option="--read-noise",
-        metavar="DB",
     )
     shadow_db: float = setting(
-        SHADOW_DB, "Standard deviation of the shadowing.", unit="dB", at_least=0, option="--shadowing", metavar="DB"
+        SHADOW_DB, "Standard deviation of the shadowing.", unit="dB", at_least=0, option="--shadowing"
     )
     shadow_s: float = setting(
-        SHADOW_S,
-        "Correlation time of the shadowing.",
-        unit="s",
-        above=0,
-        option="--shadowing-time",
-        metavar="SECONDS",
+        SHADOW_S, "Correlation time of the shadowing.", unit="s", above=0, option="--shadowing-time"
     )
     min_rssi_dbm: float | None = setting(
-        None,
-        "Sensitivity: weaker signals are not read.",
-        unit="dBm",
-        option="--min-rssi",
-        metavar="DBM",
-        nothing="all are",
+        None, "Sensitivity: weaker signals are not read.", unit="dBm", option="--min-rssi", nothing="all are"
     )
-    read_detection_probability: float = setting(
+    read_detection_probability: float = option_setting(
         0.95,
         "Probability that a polling reader reads a tag in its range, or any tag where the scene states no range.",
-        option="--read-detection-probability",
         **SHARE,
     )
-    read_false_alarm_probability: float = setting(
-        0.01,
-        "Probability that a polling reader reads a tag out of its range.",
-        option="--read-false-alarm-probability",
-        **SHARE,
+    read_false_alarm_probability: float = option_setting(
+        0.01, "Probability that a polling reader reads a tag out of its range.", **SHARE
     )
 
 
@@ -268,64 +218,31 @@ class MeasureConfig(Settings):
 
     OWNER: ClassVar[str] = "measure"
 
-    measure: str | None = setting(
+    measure: str | None = option_setting(
         None,
         "Additional measurements of cameras and arrays: range, difference (of ranges, to the first of them), "
         "strength; separated by commas.",
-        option="--measure",
         metavar="KINDS",
         nothing="directions alone",
     )
     measure_rate_hz: float | None = setting(
-        None,
-        "Rate of these measurements.",
-        unit="Hz",
-        above=0,
-        option="--measure-rate",
-        metavar="HZ",
-        nothing="at every step",
+        None, "Rate of these measurements.", unit="Hz", above=0, option="--measure-rate", nothing="at every step"
     )
-    range_noise: float = setting(
-        0.1,
-        "Measurement noise of ranges (standard deviation).",
-        unit="length",
-        people=0.1,
-        above=0,
-        option="--range-noise",
-        metavar="LENGTH",
+    range_noise: float = option_setting(
+        0.1, "Measurement noise of ranges (standard deviation).", unit="length", people=0.1, above=0
     )
-    range_difference_noise: float = setting(
-        0.1,
-        "Measurement noise of differences of ranges (standard deviation).",
-        unit="length",
-        people=0.1,
-        above=0,
-        option="--range-difference-noise",
-        metavar="LENGTH",
+    range_difference_noise: float = option_setting(
+        0.1, "Measurement noise of differences of ranges (standard deviation).", unit="length", people=0.1, above=0
     )
-    measure_miss_probability: float = setting(
-        0.0, "Probability of a missed measurement.", option="--measure-miss-probability", **SHARE
+    measure_miss_probability: float = option_setting(0.0, "Probability of a missed measurement.", **SHARE)
+    measure_outlier_probability: float = option_setting(
+        0.0, "Probability of an outlier, uniform over the values that are possible in the scene.", **SHARE
     )
-    measure_outlier_probability: float = setting(
-        0.0,
-        "Probability of an outlier, uniform over the values that are possible in the scene.",
-        option="--measure-outlier-probability",
-        **SHARE,
+    nlos_probability: float = option_setting(
+        0.0, "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.", **SHARE
     )
-    nlos_probability: float = setting(
-        0.0,
-        "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.",
-        option="--nlos-probability",
-        **SHARE,
-    )
-    nlos_bias: float = setting(
-        1.0,
-        "Mean NLOS bias, the excess of such ranges (exponential).",
-        unit="length",
-        people=1.0,
-        above=0,
-        option="--nlos-bias",
-        metavar="LENGTH",
+    nlos_bias: float = option_setting(
+        1.0, "Mean NLOS bias, the excess of such ranges (exponential).", unit="length", people=1.0, above=0
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -352,33 +269,20 @@ class RenderConfig(Settings):
         option="--image-noise",
         metavar="LEVELS",
     )
-    colour_noise: float = setting(
-        1.0, "Image noise per colour channel.", at_least=0, option="--colour-noise", metavar="LEVELS"
-    )
-    light_drift: float = setting(
-        0.03, "Relative amplitude of the light variation.", at_least=0, below=1, option="--light-drift"
-    )
-    light_period_s: float = setting(
-        60.0, "Period of the light variation.", unit="s", above=0, option="--light-period", metavar="SECONDS"
-    )
+    colour_noise: float = option_setting(1.0, "Image noise per colour channel.", at_least=0, metavar="LEVELS")
+    light_drift: float = option_setting(0.03, "Relative amplitude of the light variation.", at_least=0, below=1)
+    light_period_s: float = setting(60.0, "Period of the light variation.", unit="s", above=0, option="--light-period")
     shadows: bool = setting(True, "Shadows of people on the floor.", option="--shadows/--no-shadows")
-    texture: float = setting(
-        1.0,
-        "Contrast of tiles, bricks and grain; 0: plain paint, which makes small files.",
-        at_least=0,
-        option="--texture",
+    texture: float = option_setting(
+        1.0, "Contrast of tiles, bricks and grain; 0: plain paint, which makes small files.", at_least=0
     )
-    identical_clothes: bool = setting(
+    identical_clothes: bool = option_setting(
         False,
         "Dress all people like the targets, so that they cannot be distinguished by appearance.",
-        option="--identical-clothes",
         shown="different clothes",
     )
-    two_sided: bool = setting(
-        False,
-        "Shirts have another colour at the back: the front colour of the next target.",
-        option="--two-sided",
-        shown="one colour",
+    two_sided: bool = option_setting(
+        False, "Shirts have another colour at the back: the front colour of the next target.", shown="one colour"
     )
     identical_targets: bool = setting(False, "All targets have the clothes and the stature of the first one.")
     min_visibility: float = setting(
@@ -401,13 +305,12 @@ class StoreConfig(Settings):
 
     OWNER: ClassVar[str] = "video"
 
-    store: str = setting(
+    store: str = option_setting(
         "png",
         "Video as PNG images in the recording, or as lossless FFV1 files next to it, which are smaller.",
         choices=("png", "ffv1"),
-        option="--store",
     )
-    grey: bool = setting(False, "Video without colours.", option="--grey", shown="colours")
+    grey: bool = option_setting(False, "Video without colours.", shown="colours")
 
 
 @dataclass(frozen=True)
@@ -416,9 +319,9 @@ class PeopleConfig(Settings):
 
     OWNER: ClassVar[str] = "people"
 
-    people: int = setting(4, "Number of people, all targets in the same clothes.", at_least=1, option="--people")
-    frames: int = setting(400, "Number of frames of each camera.", at_least=1, at_most=10_000_000, option="--frames")
-    views: int = setting(3, "Number of cameras.", at_least=1, at_most=6, option="--views")
+    people: int = option_setting(4, "Number of people, all targets in the same clothes.", at_least=1)
+    frames: int = option_setting(400, "Number of frames of each camera.", at_least=1, at_most=10_000_000)
+    views: int = option_setting(3, "Number of cameras.", at_least=1, at_most=6)
     width: int = setting(640, "Width of the images.", unit="px", at_least=64, at_most=8192)
     height: int = setting(480, "Height of the images.", unit="px", at_least=64, at_most=8192)
     start_separated: bool = setting(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from occlog.request import Form, Request, Verb, VerbKind, group, number_of_threads, output_file, seed_of_all, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 from .balls.config import BallsConfig
 from .config import (
@@ -57,11 +57,8 @@ class SimulateRequestBase(Request):
     OWNER: ClassVar[str] = "simulate"
 
     output: Path = output_file("The recording (MCAP).")
-    fps: float | None = setting(
-        None,
-        "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]",
-        option="--fps",
-        **RATES,
+    fps: float | None = option_setting(
+        None, "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]", **RATES
     )
     seed: int = seed_of_all()
     workers: int | None = number_of_threads()
@@ -85,13 +82,8 @@ class SceneRequest(SimulateRequestBase):
         metavar="FILE",
     )
     avoidance: Mapping[str, object] = group(lambda: FieldConfig)
-    seconds: float | None = setting(
-        None,
-        "Length of the recording, instead of --steps.",
-        unit="s",
-        at_least=0,
-        option="--seconds",
-        shown="",
+    seconds: float | None = option_setting(
+        None, "Length of the recording, instead of --steps.", unit="s", at_least=0, shown=""
     )
     rate_hz: float | None = setting(
         None,
@@ -110,11 +102,8 @@ class SceneRequest(SimulateRequestBase):
     sound: Mapping[str, object] = group(lambda: SoundConfig)
     reads: Mapping[str, object] = group(lambda: ReadConfig)
     measure: Mapping[str, object] = group(lambda: MeasureConfig)
-    render: bool = setting(
-        False,
-        "Add video of every camera, true boxes, and the targets' appearance.",
-        option="--render",
-        shown="",
+    render: bool = option_setting(
+        False, "Add video of every camera, true boxes, and the targets' appearance.", shown=""
     )
     look: Mapping[str, object] = group(lambda: RenderConfig, prefix=RENDER)
     store: Mapping[str, object] = group(lambda: StoreConfig, only=("store",))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,28 +42,25 @@ class CompareRequest(Request):
         repeat=True,
         shown="all",
     )
-    fail_if: tuple[str, ...] = setting(
+    fail_if: tuple[str, ...] = option_setting(
         (),
         "Exit with 6 if a later method is worse than the first, e.g. 'idf1 worse' or 'idf1 worse by 0.01', "
         "or if that cannot be decided; may be repeated.",
-        option="--fail-if",
         metavar="CONDITION",
         repeat=True,
         whole=True,
         shown="",
     )
-    match_distance: float | None = setting(
+    match_distance: float | None = option_setting(
         None,
         "Match threshold: a track matches a target within this distance.",
         unit="length",
         above=0,
         at_most=1e9,
-        option="--match-distance",
-        metavar="LENGTH",
         shown="1 m",
     )
     markdown: Path | None = sink("Also write the table as Markdown.")
-    seed: int = setting(0, "Seed of the random draws.", at_least=0, option="--seed")
+    seed: int = option_setting(0, "Seed of the random draws.", at_least=0)
 
     @property
     def inputs(self) -> list[Path]:

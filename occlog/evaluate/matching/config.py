@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import METRES, Settings, setting
+from occlog.settings import METRES, Settings, option_setting, setting
 
 AZIMUTHS, IMAGES, GROUND, OTHERS = "azimuths", "images", "ground", "others"
 KINDS = {
@@ -40,16 +40,14 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
         nothing="1.5 times the usual period of the truth of a target, at least 0.2 s and at most 1 s; for tracks 1 s",
         kinds=(AZIMUTHS, *WORLD),
     )
-    match: str = setting(
+    match: str = option_setting(
         "id",
         "Match tracks to targets over the whole run: by equal identities (`id`), or one-to-one with the least "
         "overall RMSE (`optimal`).",
         choices=("id", "optimal"),
-        option="--match",
         shown="id; optimal for tracks with the tracker's own numbers",
         kinds=(GROUND,),
     )
@@ -60,7 +58,6 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--settling-time",
-        metavar="SECONDS",
         kinds=(GROUND,),
     )
     from_ns: int | None = setting(
@@ -71,36 +68,28 @@ class EvaluateConfig(Settings):
         nothing="the first estimate",
         kinds=(GROUND,),
     )
-    gate_sigma: float = setting(
+    gate_sigma: float = option_setting(
         4.0,
         "Gate: a bearing within this many standard deviations of the truth is a detection of the target.",
         above=0,
-        option="--gate-sigma",
         kinds=WORLD,
     )
-    gate_px: float | None = setting(
-        None,
-        "Gate in pixels for cameras, instead of --gate-sigma.",
-        above=0,
-        option="--gate-px",
-        metavar="PX",
-        kinds=WORLD,
+    gate_px: float | None = option_setting(
+        None, "Gate in pixels for cameras, instead of --gate-sigma.", above=0, metavar="PX", kinds=WORLD
     )
-    occluder_diameter: float | None = setting(
+    occluder_diameter: float | None = option_setting(
         None,
         "Diameter of moving objects of the truth, which occlude those behind them.",
         above=0,
-        option="--occluder-diameter",
         metavar="LENGTH",
         nothing="that of `simulate` if it made the truth, else no occlusion",
         kinds=WORLD,
     )
-    motion: str = setting(
+    motion: str = option_setting(
         "waypoint",
         "Motion model of the Cramer-Rao bound: `waypoint`, a walk with known drift, or `cv`, constant velocity "
         "with noise.",
         choices=("waypoint", "cv"),
-        option="--motion",
         kinds=WORLD,
     )
     process_noise_position: float | None = setting(
@@ -111,25 +100,18 @@ class EvaluateConfig(Settings):
         people={unit: 0.05 / metres for unit, metres in METRES.items()},
         own=0.33,
         option="--process-noise",
-        metavar="LENGTH",
         shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in a scene-specific unit",
         kinds=WORLD,
     )
-    process_noise_density: float = setting(
+    process_noise_density: float = option_setting(
         1.0,
         "Process noise of the bound: spectral density of white acceleration (--motion cv).",
         unit="length^2/s^3",
         at_least=0,
-        option="--process-noise-density",
         kinds=WORLD,
     )
-    sigma_initial_velocity: float = setting(
-        1.5,
-        "Prior standard deviation of each velocity component (--motion cv).",
-        unit="length/s",
-        above=0,
-        option="--sigma-initial-velocity",
-        kinds=WORLD,
+    sigma_initial_velocity: float = option_setting(
+        1.5, "Prior standard deviation of each velocity component (--motion cv).", unit="length/s", above=0, kinds=WORLD
     )
     prior_covariance: tuple[float, float, float] | None = setting(
         None,
@@ -150,19 +132,17 @@ class EvaluateConfig(Settings):
         nothing="uniform up to the ceiling of the room",
         kinds=WORLD,
     )
-    bound_dimension: str = setting(
+    bound_dimension: str = option_setting(
         "auto",
         "Dimensions of the bound: `ground` (x, y from azimuths) or `space` (x, y, z, from elevations too); auto: "
         "space for targets with heights in track and truth.",
         choices=("auto", "ground", "space"),
-        option="--bound-dimension",
         kinds=WORLD,
     )
-    held_out: tuple[str, ...] = setting(
+    held_out: tuple[str, ...] = option_setting(
         (),
         "Predict this sensor (its bearings, or all boxes of --views) from tracks made without it; may be repeated.",
         repeat=True,
-        option="--held-out",
         metavar="SENSOR",
         shown="none",
         kinds=WORLD,
@@ -175,20 +155,17 @@ class EvaluateConfig(Settings):
         option="--held-out-gate-mrad",
         kinds=WORLD,
     )
-    held_out_gate_px: float = setting(
+    held_out_gate_px: float = option_setting(
         100.0,
         "Gate: a box within this distance of a predicted track counts as predicted.",
         unit="px",
         above=0,
-        option="--held-out-gate-px",
-        metavar="PX",
         kinds=WORLD,
     )
-    triangulation_min_sensors: int = setting(
+    triangulation_min_sensors: int = option_setting(
         2,
         "Minimum number of lines of sight in a scan for it to be triangulated and compared with the track.",
         at_least=2,
-        option="--triangulation-min-sensors",
         kinds=WORLD,
     )
     triangulation_window_s: float = setting(
@@ -198,22 +175,16 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--triangulation-window",
-        metavar="SECONDS",
         shown="equal times",
         kinds=WORLD,
     )
-    triangulation_loss: str = setting(
-        "huber",
-        "Robust loss of the triangulation.",
-        choices=("gauss", "huber", "cauchy"),
-        option="--triangulation-loss",
-        kinds=WORLD,
+    triangulation_loss: str = option_setting(
+        "huber", "Robust loss of the triangulation.", choices=("gauss", "huber", "cauchy"), kinds=WORLD
     )
-    triangulation_tolerance: float | None = setting(
+    triangulation_tolerance: float | None = option_setting(
         None,
         "Also report the share of scans in which the track is within this distance of the triangulated point.",
         above=0,
-        option="--triangulation-tolerance",
         metavar="LENGTH",
         kinds=WORLD,
     )
@@ -226,12 +197,11 @@ class EvaluateConfig(Settings):
         metavar="DEGREES",
         kinds=WORLD,
     )
-    iou_threshold: float = setting(
+    iou_threshold: float = option_setting(
         0.5,
         "IoU (intersection over union) threshold for matching a view or a track to a true box.",
         above=0,
         at_most=1,
-        option="--iou-threshold",
         kinds=(IMAGES, *WORLD),
     )
 

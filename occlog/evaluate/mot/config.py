@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES, EvaluateConfig
-from occlog.settings import Settings, configure, setting
+from occlog.settings import Settings, configure, option_setting, setting
 
 MANY = (IMAGES, GROUND)
 MAX_POWER = 10.0
@@ -26,44 +26,35 @@ class MultiTargetConfig(Settings):
 
     OWNER: ClassVar[str] = "many targets"
 
-    distance_gate: float = setting(
+    distance_gate: float = option_setting(
         1.0,
         "Distance gate in the image: a tracker is on a target within this many radii, sqrt(half width x half "
         "height) of the true box ([Qu] tau).",
         above=0,
-        option="--distance-gate",
         metavar="FACTOR",
         kinds=(IMAGES,),
     )
-    distance_gate_px: float | None = setting(
-        None,
-        "Distance gate in pixels, instead of --distance-gate.",
-        above=0,
-        option="--distance-gate-px",
-        metavar="PX",
-        kinds=(IMAGES,),
+    distance_gate_px: float | None = option_setting(
+        None, "Distance gate in pixels, instead of --distance-gate.", above=0, metavar="PX", kinds=(IMAGES,)
     )
-    assigned_target: str = setting(
+    assigned_target: str = option_setting(
         "id",
         "Assigned target of a track: by its identity (`id`), the first one it is on (`start`), or by the best "
         "assignment (`optimal`).",
         choices=("id", "start", "optimal"),
-        option="--assigned-target",
         shown="id; start for MOTChallenge text, boxes, tracks from detections; else optimal with --match optimal",
         kinds=MANY,
     )
-    clear_rule: str = setting(
+    clear_rule: str = option_setting(
         "classic",
         "CLEAR-MOT matching as in py-motmetrics (`classic`) or in TrackEval (`challenge`).",
         choices=("classic", "challenge"),
-        option="--clear-rule",
         kinds=MANY,
     )
-    benchmark: str = setting(
+    benchmark: str = option_setting(
         "auto",
         "Rules for the classes of a MOTChallenge truth: mot17 (of MOT16 too), mot20, or mot15, which has no classes.",
         choices=("auto", "mot15", "mot17", "mot20"),
-        option="--benchmark",
         shown="mot17 where the truth is text with a column of classes, which 8 or 9 columns mean; else mot15",
         kinds=(IMAGES,),
     )
@@ -74,15 +65,13 @@ class MultiTargetConfig(Settings):
         at_most=1,
         kinds=(IMAGES,),
     )
-    match_distance: float | None = setting(
+    match_distance: float | None = option_setting(
         None,
         "On the ground: match threshold, the largest distance at which a track matches a target.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         people=1.0,
-        option="--match-distance",
-        metavar="LENGTH",
         shown="1 m",
         kinds=(GROUND,),
     )
@@ -96,70 +85,59 @@ class MultiTargetConfig(Settings):
         nothing="--max-gap, or 1 s",
         kinds=(GROUND,),
     )
-    gospa_cutoff: float | None = setting(
+    gospa_cutoff: float | None = option_setting(
         None,
         "Cutoff of GOSPA, of 1 - IoU or of the distance on the ground.",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        option="--gospa-cutoff",
         nothing="1 minus --iou-threshold for boxes, else --match-distance",
         kinds=MANY,
     )
-    gospa_p: float = setting(2.0, "Exponent p of GOSPA.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
-    gospa_alpha: float = setting(
-        2.0, "Parameter alpha of GOSPA.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY
-    )
-    gospa_switch_penalty: float | None = setting(
+    gospa_p: float = option_setting(2.0, "Exponent p of GOSPA.", at_least=1, at_most=MAX_POWER, kinds=MANY)
+    gospa_alpha: float = option_setting(2.0, "Parameter alpha of GOSPA.", above=0, at_most=2, kinds=MANY)
+    gospa_switch_penalty: float | None = option_setting(
         None,
         "On the ground: switch penalty of trajectory GOSPA.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        option="--gospa-switch-penalty",
-        metavar="LENGTH",
         nothing="cutoff of GOSPA",
         kinds=(GROUND,),
     )
-    ospa_cutoff: float | None = setting(
+    ospa_cutoff: float | None = option_setting(
         None,
         "Cutoff of OSPA(2), on the ground.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        option="--ospa-cutoff",
-        metavar="LENGTH",
         nothing="--match-distance",
         kinds=(GROUND,),
     )
-    ospa_p: float = setting(
-        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MAX_POWER, option="--ospa-p", kinds=(GROUND,)
+    ospa_p: float = option_setting(
+        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MAX_POWER, kinds=(GROUND,)
     )
-    ospa_window: int | None = setting(
+    ospa_window: int | None = option_setting(
         None,
         "On the ground: also report OSPA(2) averaged over windows of this many frames.",
         at_least=1,
-        option="--ospa-window",
         metavar="FRAMES",
         kinds=(GROUND,),
     )
-    moda_distance: float | None = setting(
+    moda_distance: float | None = option_setting(
         None,
         "On the ground: match threshold of MODA and MODP.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         people=0.5,
-        option="--moda-distance",
-        metavar="LENGTH",
         shown="0.5 m; that of --match-distance in a scene-specific unit",
         kinds=(GROUND,),
     )
-    gospa_px: float | None = setting(
+    gospa_px: float | None = option_setting(
         None,
         "Also report GOSPA of box centres in the image, with this cutoff.",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        option="--gospa-px",
         metavar="PX",
         kinds=(IMAGES,),
     )
@@ -172,24 +150,18 @@ class MultiTargetConfig(Settings):
         shown="all",
         kinds=(IMAGES,),
     )
-    fps: float | None = setting(
+    fps: float | None = option_setting(
         None,
         "Frame rate of tables that count frames: true boxes (XML, VATIC, KITTI, MOTChallenge text), positions with a "
         "column frame.",
         above=0,
         at_most=1e6,
-        option="--fps",
         metavar="RATE",
         nothing="that of the tracks, or 25; needed on the ground",
         kinds=(IMAGES, GROUND),
     )
-    first_number: int | None = setting(
-        None,
-        "Number of frame 0 in true boxes in XML.",
-        at_least=0,
-        option="--first-number",
-        nothing="0",
-        kinds=(IMAGES,),
+    first_number: int | None = option_setting(
+        None, "Number of frame 0 in true boxes in XML.", at_least=0, nothing="0", kinds=(IMAGES,)
     )
     frames: tuple[int, int] | None = setting(
         None, "First frame to compare, and the one after the last.", counts=(2,), kinds=(IMAGES,)

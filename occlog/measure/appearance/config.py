@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 MAX_LEVELS = 15
 """15 levels are 240 bins; m is at most 256 ([Lee] Sec. 5.2.1)."""
@@ -27,7 +27,6 @@ class SightingConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
     )
     heading_window_s: float = setting(
         1.0,
@@ -36,75 +35,61 @@ class SightingConfig(Settings):
         above=0,
         at_most=1e9,
         option="--heading-window",
-        metavar="SECONDS",
     )
-    min_speed: float = setting(
+    min_speed: float = option_setting(
         0.3,
         "Minimum speed at which people face the direction of their motion; below it the viewing angle is unknown.",
         unit="length/s",
         at_least=0,
-        option="--min-speed",
         metavar="SPEED",
     )
-    person_height: float = setting(
+    person_height: float = option_setting(
         11.3,
         "Height of a person, by which the track is projected into the image to find its box.",
         unit="length",
         people=1.7,
         above=0,
-        option="--person-height",
-        metavar="LENGTH",
     )
-    iou_threshold: float = setting(
+    iou_threshold: float = option_setting(
         0.3,
         "IoU threshold (intersection over union) of a box with the predicted box of a track, for the box to be of "
         "the track.",
         above=0,
         at_most=1,
-        option="--iou-threshold",
         metavar="SHARE",
     )
-    max_occlusion: float = setting(
+    max_occlusion: float = option_setting(
         0.2,
         "Maximum occlusion: share of a box that boxes of nearer people may cover.",
         at_least=0,
         at_most=1,
-        option="--max-occlusion",
         metavar="SHARE",
     )
-    min_pixels: int = setting(
-        100, "Minimum number of pixels of a box to be used.", at_least=1, option="--min-pixels", metavar="N"
-    )
+    min_pixels: int = option_setting(100, "Minimum number of pixels of a box to be used.", at_least=1, metavar="N")
 
 
 @dataclass(frozen=True)
 class LearnConfig(SightingConfig):
     """Settings of an appearance gallery."""
 
-    angle_step: float = setting(
+    angle_step: float = option_setting(
         30.0,
         "Step between viewing angles, from the front to the back; it must divide 180 degrees. 180: front and back; "
         "360: all sides together.",
         unit="deg",
         above=0,
         at_most=360,
-        option="--angle-step",
         metavar="DEG",
     )
-    colour_levels: int = setting(
+    colour_levels: int = option_setting(
         8,
         "Levels of hue, saturation and brightness: L (L + 1) colours are distinguished.",
         at_least=2,
         at_most=MAX_LEVELS,
-        option="--colour-levels",
         metavar="L",
     )
-    min_samples: int = setting(
-        5,
-        "Minimum number of boxes from which one viewing angle of a target is learned.",
-        at_least=1,
-        option="--min-samples",
-        metavar="N",
+    min_samples: int = option_setting(
+        5, "Minimum number of boxes from which one viewing angle of a target is learned.", at_least=1, metavar="N"
     )
 
     def rules(self) -> list[tuple[str, bool, str]]:
@@ -128,11 +113,10 @@ class MatchConfig(SightingConfig):
 
     OWNER: ClassVar[str] = "match"
 
-    min_similarity: float = setting(
+    min_similarity: float = option_setting(
         0.8,
         "Minimum similarity (Bhattacharyya coefficient without its bias) of a box to a target. Lower values match "
         "more boxes and mistake more.",
         at_least=0,
         at_most=1,
-        option="--min-similarity",
     )

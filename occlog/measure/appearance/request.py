@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, Verbs, group, output_file, scene_file, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import LearnConfig
 
@@ -38,11 +38,10 @@ class LearnRequest(Request):
         "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
         "boxes with an identity]"
     )
-    labelled: bool = setting(
+    labelled: bool = option_setting(
         False,
         "Use the identities of the boxes, which are numbered as the tracks are, "
         "instead of associating boxes and tracks by position.",
-        option="--labelled",
         shown="",
     )
     scene: Path | None = scene_file()

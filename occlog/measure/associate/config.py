@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,12 +14,11 @@ class LabelConfig(Settings):
 
     OWNER: ClassVar[str] = "label"
 
-    gate: float = setting(
+    gate: float = option_setting(
         3.0,
         "Gate in standard deviations for a candidate to agree with a track. Larger values label more candidates "
         "and mislabel more.",
         above=0,
-        option="--gate",
     )
     max_gap_s: float = setting(
         1.0,
@@ -28,10 +27,9 @@ class LabelConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
     )
-    keep_unassigned: bool = setting(
-        False, "Keep unassigned candidates, without a label.", option="--keep-unassigned", shown="leave them out"
+    keep_unassigned: bool = option_setting(
+        False, "Keep unassigned candidates, without a label.", shown="leave them out"
     )
 
 
@@ -41,10 +39,9 @@ class NamingConfig(Settings):
 
     OWNER: ClassVar[str] = "naming"
 
-    min_boxes: int = setting(
+    min_boxes: int = option_setting(
         10,
         "Minimum number of boxes of a track compared with a target, for the track to be identified as it.",
         at_least=1,
-        option="--min-boxes",
         metavar="N",
     )

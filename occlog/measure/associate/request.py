@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from occlog.measure.appearance.config import MatchConfig
 from occlog.request import Form, Request, Verb, VerbKind, group, output_file, scene_file, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import LabelConfig, NamingConfig
 
@@ -55,12 +55,10 @@ class LabelRequest(LabelRequestBase):
 
     tracks: Path = source("Tracks that give the identities (Parquet).", required=True)
     doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
-    doa_labels: bool = setting(
-        False, "Source IDs in the log of directions are target IDs.", option="--doa-labels", shown=""
-    )
+    doa_labels: bool = option_setting(False, "Source IDs in the log of directions are target IDs.", shown="")
     settings: Mapping[str, object] = group(lambda: LabelConfig)
-    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Exclude these sensors.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these sensors only.", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = option_setting((), "Exclude these sensors.", metavar="A,B,...", shown="")
 
     @property
     def inputs(self) -> list[Path]:
@@ -81,7 +79,7 @@ class MatchRequest(LabelRequestBase):
         "Tracks or truth: positions and headings of people. [default: truth of the recording, or the floor below "
         "boxes with an identity]"
     )
-    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = option_setting(False, "Identities of boxes are those of the tracks.", shown="")
     reidentified: Path | None = sink("Write the tracks with the identities of the gallery (Parquet).", "tracks")
     settings: Mapping[str, object] = group(lambda: MatchConfig)
     naming: Mapping[str, object] = group(lambda: NamingConfig)

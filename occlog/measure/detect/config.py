@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS = "auto", "network", "background", "outlines", "components"
 """Methods: the network of occlog, background subtraction with three ways to split the foreground, or a choice."""
@@ -54,121 +54,98 @@ class DetectConfig(Settings):
 
     OWNER: ClassVar[str] = "detect"
 
-    method: str = setting(
+    method: str = option_setting(
         AUTO,
         "The person network of occlog (`network`), or background subtraction with regions by a mixture of "
         "person-shaped Gaussians (`background`), the same with outlines of people where several touch (`outlines`), or "
         "connected blobs (`components`). `auto`: the network; background subtraction in simulated recordings, for "
         "targets of known appearance, with an option of it, and where people move that the network misses.",
         choices=(AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS),
-        option="--method",
     )
-    background: str = setting("mog2", "Background model of OpenCV.", choices=("mog2", "knn"), option="--background")
-    history: int = setting(
+    background: str = option_setting("mog2", "Background model of OpenCV.", choices=("mog2", "knn"))
+    history: int = option_setting(
         500,
         "Memory of the background model in frames. A person who stands still for a tenth of it fades into the "
         "background.",
         at_least=1,
-        option="--history",
         metavar="FRAMES",
     )
-    foreground_threshold: float | None = setting(
+    foreground_threshold: float | None = option_setting(
         None,
         "Foreground threshold, in the measure of the background model. Lower values detect people of low contrast "
         "and more noise.",
         above=0,
-        option="--foreground-threshold",
         nothing="the model's own",
     )
     shadows: bool = setting(
         True, "Detect shadows and leave them out of the foreground.", option="--shadows/--no-shadows"
     )
-    warmup: int = setting(
+    warmup: int = option_setting(
         50,
         "With --no-learn-background: number of frames that only train the background model.",
         at_least=0,
-        option="--warmup",
         metavar="FRAMES",
     )
-    bit_depth: int | None = setting(
+    bit_depth: int | None = option_setting(
         None,
         "Significant bits of 16-bit images: 12 for a 12-bit sensor. Larger values darken images, smaller saturate.",
         at_least=8,
         at_most=16,
-        option="--bit-depth",
         nothing="16-bit images are refused",
     )
-    downscale: int | None = setting(
+    downscale: int | None = option_setting(
         None,
         "Downscale images by this factor before detection.",
         at_least=1,
         at_most=16,
-        option="--downscale",
         metavar="FACTOR",
         nothing="so that people stay 100 px wide",
     )
-    person_height: float | None = setting(
-        None,
-        "Height of a person, for the expected size of regions.",
-        unit="length",
-        above=0,
-        option="--person-height",
-        metavar="LENGTH",
-        nothing="1.7 m",
+    person_height: float | None = option_setting(
+        None, "Height of a person, for the expected size of regions.", unit="length", above=0, nothing="1.7 m"
     )
-    person_height_px: float | None = setting(
+    person_height_px: float | None = option_setting(
         None,
         "Height of a person in pixels, equal everywhere, instead of the one expected from the camera poses. Needed "
         "without a calibration.",
         unit="px",
         above=0,
-        option="--person-height-px",
-        metavar="PX",
         nothing="from the poses",
     )
-    min_similarity: float = setting(
+    min_similarity: float = option_setting(
         0.65,
         "Minimum colour similarity (Bhattacharyya coefficient) to the target. Lower values accept more regions.",
         at_least=0,
         at_most=1,
-        option="--min-similarity",
     )
-    sigma_px: float | None = setting(
+    sigma_px: float | None = option_setting(
         None,
         "Measurement noise: standard deviation of the horizontal centre of an unoccluded person.",
         unit="px",
         above=0,
-        option="--sigma-px",
-        metavar="PX",
         nothing="a tenth of its width, and the camera's noise",
     )
-    sigma_scale: float = setting(
+    sigma_scale: float = option_setting(
         1.0,
         "Factor on all measurement noise. `occlog evaluate` estimates it from residuals between cameras "
         "(`measurement_noise_scale`).",
         above=0,
-        option="--sigma-scale",
     )
-    min_confidence: float = setting(
+    min_confidence: float = option_setting(
         0.3,
         "Minimum confidence of a box of a detector (0.4 by default for the network of occlog). Lower values "
         "detect more people and raise the clutter rate.",
         at_least=0,
         at_most=1,
-        option="--min-confidence",
     )
-    feedback_gate: float = setting(
-        3.0,
-        "Gate in standard deviations about the predicted direction of a target; with --track-feedback.",
-        above=0,
-        option="--feedback-gate",
+    feedback_gate: float = option_setting(
+        3.0, "Gate in standard deviations about the predicted direction of a target; with --track-feedback.", above=0
     )
-    label_scope: str | None = setting(
+    label_scope: str | None = option_setting(
         None,
         f"Scope of box identities, which become target IDs: {GLOBAL} (equal in all cameras) or {CAMERA} (renumbered "
         f"per camera).",
         choices=(GLOBAL, CAMERA),
-        option="--label-scope",
         nothing="boxes are unlabelled candidates",
     )
 

@@ -23,7 +23,7 @@ from occlog.request import (
     sink,
     source,
 )
-from occlog.settings import declaration, declared, like, setting
+from occlog.settings import declaration, declared, like, option_setting, setting
 
 from .config import AUTO, BACKGROUND, COMPONENTS, NETWORK, OF_BOXES, OUTLINES, DetectConfig
 
@@ -77,7 +77,7 @@ class Detection(Request):
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
     workers: int | None = number_of_threads()
 
     @property
@@ -124,11 +124,8 @@ class DetectRequest(Detection):
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
     embed: Path | None = _embed()
     network: Mapping[str, object] = group(lambda: NetworkConfig, only=OF_SHIPPED)
-    fuse: bool = setting(
-        False,
-        "Fuse detections across cameras: remove false alarms, recover missed detections.",
-        option="--fuse",
-        shown="",
+    fuse: bool = option_setting(
+        False, "Fuse detections across cameras: remove false alarms, recover missed detections.", shown=""
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,
@@ -177,7 +174,7 @@ class PluginRequest(_BoxRequest):
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
-    method: str = setting("", "Detector of a plug-in, by name.", option="--method", metavar="NAME", shown="")
+    method: str = option_setting("", "Detector of a plug-in, by name.", metavar="NAME", shown="")
     own: Mapping[str, object] = group(None)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 ALGORITHMS = {
     "srp": "SRP",
@@ -29,9 +29,7 @@ class DoaConfig(Settings):
 
     OWNER: ClassVar[str] = "listen"
 
-    algorithm: str = setting(
-        "srp", "Algorithm of pyroomacoustics; srp is SRP-PHAT.", choices=tuple(ALGORITHMS), option="--algorithm"
-    )
+    algorithm: str = option_setting("srp", "Algorithm of pyroomacoustics; srp is SRP-PHAT.", choices=tuple(ALGORITHMS))
     low_hz: float = setting(300.0, "Lower end of the frequency band.", unit="Hz", above=0, below=1e9)
     high_hz: float = setting(4000.0, "Upper end of the frequency band.", unit="Hz", above=0, below=1e9)
     frame_s: float = setting(
@@ -41,7 +39,6 @@ class DoaConfig(Settings):
         above=0,
         at_most=60,
         option="--frame",
-        metavar="SECONDS",
     )
     hop_s: float | None = setting(
         None,
@@ -50,7 +47,6 @@ class DoaConfig(Settings):
         at_least=1e-3,
         below=1e9,
         option="--hop",
-        metavar="SECONDS",
         nothing="the frame's length",
     )
     window_s: float = setting(
@@ -60,7 +56,6 @@ class DoaConfig(Settings):
         above=0,
         at_most=MAX_WINDOW_S,
         option="--window",
-        metavar="SECONDS",
     )
     max_sources: int = setting(1, "Maximum number of directions per frame; 0: all peaks.", at_least=0, at_most=100)
     grid_deg: float | None = setting(
@@ -70,7 +65,6 @@ class DoaConfig(Settings):
         at_least=0.2,
         at_most=30,
         option="--grid",
-        metavar="DEGREES",
         nothing="1 to 5 deg, from the array's size",
     )
     min_separation_deg: float = setting(
@@ -80,23 +74,20 @@ class DoaConfig(Settings):
         at_least=0,
         at_most=180,
         option="--min-separation",
-        metavar="DEGREES",
     )
-    min_peak: float = setting(
+    min_peak: float = option_setting(
         0.6,
         "Ignore peaks lower than this share of the way from the median of the map to its maximum. Lower values "
         "report more directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--min-peak",
     )
-    min_confidence: float = setting(
+    min_confidence: float = option_setting(
         0.15,
         "Ignore directions with which phases agree less: 1 is one plane wave, 0 noise. Lower values report more "
         "directions and more false alarms.",
         at_least=0,
         at_most=1,
-        option="--min-confidence",
     )
     min_level_db: float = setting(
         -80.0,
@@ -105,7 +96,6 @@ class DoaConfig(Settings):
         at_least=-400,
         at_most=400,
         option="--min-level",
-        metavar="DB",
     )
     min_snr_db: float | None = setting(
         None,
@@ -114,16 +104,14 @@ class DoaConfig(Settings):
         above=0,
         below=1e9,
         option="--min-snr",
-        metavar="DB",
         nothing="no such limit",
     )
-    speed_of_sound: float | None = setting(
+    speed_of_sound: float | None = option_setting(
         None,
         "Speed of sound, in lengths of the scene per second.",
         unit="length/s",
         above=0,
         below=1e9,
-        option="--speed-of-sound",
         nothing="343 m",
     )
 

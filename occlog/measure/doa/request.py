@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from occlog.ingest.plan import pairs
 from occlog.request import Request, group, output_file, scene_file, source
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 from .config import DoaConfig
 
@@ -36,26 +36,23 @@ class DoaRequest(Request):
     )
     output: Path = output_file("Directions of arrival (Parquet).", "doa")
     scene: Path | None = scene_file()
-    arrays: tuple[str, ...] = setting(
+    arrays: tuple[str, ...] = option_setting(
         (),
         "Positions of the microphones of an array: a table x, y, z [m].",
-        option="--arrays",
         metavar="[NAME=]FILE",
         repeat=True,
         whole=True,
         shown="",
     )
-    channels: tuple[str, ...] = setting(
+    channels: tuple[str, ...] = option_setting(
         (),
         "Channels of the files, from 1, in the order of the microphones. [default: all]",
-        option="--channels",
         metavar="A,B,...",
         shown="",
     )
-    start_time: tuple[str, ...] = setting(
+    start_time: tuple[str, ...] = option_setting(
         (),
         "Date and time (ISO 8601, UTC) or seconds since 1970 of the first sample. [default: 0]",
-        option="--start-time",
         metavar="[ARRAY=]TIME",
         repeat=True,
         whole=True,
@@ -68,13 +65,12 @@ class DoaRequest(Request):
         metavar="N|auto",
         shown="",
     )
-    band: tuple[float, ...] | None = setting(
+    band: tuple[float, ...] | None = option_setting(
         None,
         "Frequency band to use [Hz]. [default: 300 4000]",
         unit="Hz",
         counts=(2,),
         apart=True,
-        option="--band",
         metavar="LOW HIGH",
         shown="",
     )

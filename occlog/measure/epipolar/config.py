@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,17 +14,15 @@ class EpipolarConfig(Settings):
 
     OWNER: ClassVar[str] = "epipolar"
 
-    points: str = setting(
+    points: str = option_setting(
         "centres",
         "Points of each target to match: `centres`, or `ends` (top and bottom) for people.",
         choices=("centres", "ends"),
-        option="--points",
     )
-    model: str = setting(
+    model: str = option_setting(
         "auto",
         "Model of matches; affine is for distant cameras with long lenses.",
         choices=("auto", "perspective", "affine"),
-        option="--model",
     )
     inlier_threshold_px: float = setting(
         3.0,
@@ -32,7 +30,6 @@ class EpipolarConfig(Settings):
         unit="px",
         above=0,
         option="--inlier-threshold",
-        metavar="PX",
     )
     max_epipolar_error_px: float = setting(
         5.0,
@@ -40,5 +37,4 @@ class EpipolarConfig(Settings):
         unit="px",
         above=0,
         option="--max-epipolar-error",
-        metavar="PX",
     )

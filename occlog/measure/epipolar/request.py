@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, group, scene_file, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import EpipolarConfig
 
@@ -52,13 +52,8 @@ class EpipolarRequest(Request):
         metavar="FILE",
     )
     fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
-    check: bool = setting(
-        False,
-        "Write nothing, and report how well the matches agree with the matrices or the poses.",
-        option="--check",
-        shown="",
+    check: bool = option_setting(
+        False, "Write nothing, and report how well the matches agree with the matrices or the poses.", shown=""
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
-    cameras: tuple[str, ...] = setting(
-        (), "Only pairs of these cameras.", option="--cameras", metavar="A,B,...", shown=""
-    )
+    cameras: tuple[str, ...] = option_setting((), "Only pairs of these cameras.", metavar="A,B,...", shown="")

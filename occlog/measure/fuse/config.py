@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.measure.detections import PERSON_HEIGHT
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -18,46 +18,29 @@ class FuseConfig(Settings):
 
     OWNER: ClassVar[str] = "fuse"
 
-    sigma_prediction: float = setting(
+    sigma_prediction: float = option_setting(
         3.33,
         "Standard deviation of a position about its prediction ([Lee] Eq. 4.20), about the width of a person.",
         unit="length",
         above=0,
         people={"m": 0.5, "ft": 1.6, "in": 20.0},
-        option="--sigma-prediction",
-        metavar="LENGTH",
     )
-    miss_probability: float = setting(
-        0.2,
-        "Probability of a missed detection, unless the scene states it ([Lee] P_M).",
-        above=0,
-        below=1,
-        option="--miss-probability",
+    miss_probability: float = option_setting(
+        0.2, "Probability of a missed detection, unless the scene states it ([Lee] P_M).", above=0, below=1
     )
-    false_alarm_probability: float = setting(
-        0.2,
-        "Probability of a false alarm, unless the scene states it ([Lee] P_F).",
-        above=0,
-        below=1,
-        option="--false-alarm-probability",
+    false_alarm_probability: float = option_setting(
+        0.2, "Probability of a false alarm, unless the scene states it ([Lee] P_F).", above=0, below=1
     )
-    detection_gate: float = setting(
-        4.0,
-        "Gate in standard deviations: a detection farther from the prediction counts as missed.",
-        above=0,
-        option="--detection-gate",
+    detection_gate: float = option_setting(
+        4.0, "Gate in standard deviations: a detection farther from the prediction counts as missed.", above=0
     )
-    gate: float = setting(
-        3.0,
-        "Gate in standard deviations: a detection farther from the fused position is removed.",
-        above=0,
-        option="--gate",
+    gate: float = option_setting(
+        3.0, "Gate in standard deviations: a detection farther from the fused position is removed.", above=0
     )
-    max_coasting_steps: int = setting(
+    max_coasting_steps: int = option_setting(
         5,
         "Maximum coasting: consecutive steps without a declaration after which a prediction is dropped.",
         at_least=1,
-        option="--max-coasting-steps",
         metavar="TIMES",
     )
     window_s: float = setting(
@@ -66,7 +49,6 @@ class FuseConfig(Settings):
         unit="s",
         at_least=0,
         option="--window",
-        metavar="SECONDS",
         shown="equal times",
     )
     min_triangulation_angle_deg: float = setting(
@@ -90,13 +72,11 @@ class FuseConfig(Settings):
         above=0,
         people={"m": 1.5, "ft": 5.0, "in": 60.0},
     )
-    person_height: float | None = setting(
+    person_height: float | None = option_setting(
         None,
         "Height of a person, to find the feet in boxes.",
         unit="length",
         above=0,
         people=PERSON_HEIGHT,
-        option="--person-height",
-        metavar="LENGTH",
         shown="1.7 m",
     )

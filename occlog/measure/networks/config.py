@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting
 
 OPENCV, ONNXRUNTIME, OPENVINO = "opencv", "onnxruntime", "openvino"
 """Programs that run networks."""
@@ -46,76 +46,59 @@ class NetworkConfig(Settings):
 
     OWNER: ClassVar[str] = "network"
 
-    runtime: str = setting(
-        OPENCV,
-        "Runtime of the networks; the others are extras to install.",
-        choices=(OPENCV, ONNXRUNTIME, OPENVINO),
-        option="--runtime",
+    runtime: str = option_setting(
+        OPENCV, "Runtime of the networks; the others are extras to install.", choices=(OPENCV, ONNXRUNTIME, OPENVINO)
     )
-    head: str | None = setting(
+    head: str | None = option_setting(
         None,
         "Output format of the network.",
         choices=(YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET),
-        option="--head",
         nothing="from the names and shapes of its outputs",
     )
-    nms_iou: float = setting(
+    nms_iou: float = option_setting(
         0.7,
         "IoU threshold of non-maximum suppression: of two boxes of a class that overlap more, the less confident "
         "is removed. Only for networks without their own suppression. Lower values lose close people. The network of "
         "occlog has 0.5 unless it is given.",
         at_least=0,
         at_most=1,
-        option="--nms-iou",
     )
-    resize_mode: str | None = setting(
+    resize_mode: str | None = option_setting(
         None,
         "How images are scaled to the input size of the network.",
         choices=(LETTERBOX, CORNER, STRETCH),
-        option="--resize-mode",
         nothing="as in the original implementation of the head",
     )
-    pixel_scaling: str | None = setting(
+    pixel_scaling: str | None = option_setting(
         None,
         "Scaling of colours: 0 to 1 (unit), ImageNet means and deviations in RGB or BGR, or 0 to 255 (raw).",
         choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
-        option="--pixel-scaling",
         nothing="as in the original implementation of the head",
     )
-    size: str | None = setting(
+    size: str | None = option_setting(
         None,
         "Input size, where the network leaves it open. Larger images show smaller people and take longer.",
         unit="px",
-        option="--size",
         metavar="[WIDTHx]HEIGHT",
         nothing="the network's own",
     )
-    tiles: str | None = setting(
+    tiles: str | None = option_setting(
         None,
         "Detect in COLUMNS x ROWS overlapping tiles of the image, too, for people who are small in it. Each tile costs "
         "as much time as the whole image.",
-        option="--tiles",
         metavar="COLUMNSxROWS",
         nothing="the whole image alone",
     )
-    batch: int = setting(
-        1,
-        "Images per call of the network, where the network leaves it open.",
-        at_least=1,
-        at_most=256,
-        option="--batch",
+    batch: int = option_setting(
+        1, "Images per call of the network, where the network leaves it open.", at_least=1, at_most=256
     )
-    embed_pixel_scaling: str = setting(
-        IMAGENET,
-        "As --pixel-scaling, for the network of --embed.",
-        choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
-        option="--embed-pixel-scaling",
+    embed_pixel_scaling: str = option_setting(
+        IMAGENET, "As --pixel-scaling, for the network of --embed.", choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW)
     )
-    embed_size: str | None = setting(
+    embed_size: str | None = option_setting(
         None,
         "Input size of the network of --embed, where it leaves that open.",
         unit="px",
-        option="--embed-size",
         metavar="[WIDTHx]HEIGHT",
         nothing="its own",
     )

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import METRES, Settings, setting
+from occlog.settings import METRES, Settings, option_setting, setting
 
 CHANGE = "Process noise of the velocity per axis, accumulated over 1 s. Larger values widen the priors."
 
@@ -21,25 +21,18 @@ class PositionPriorConfig(Settings):
 
     OWNER: ClassVar[str] = "priors"
 
-    measurement_noise: float = setting(
+    measurement_noise: float = option_setting(
         8.0,
         "Standard deviation, per axis, of the noise added to true positions, or that --measured positions have; 0: "
         "positions are known.",
         unit="length",
         at_least=0,
         people=0.3,
-        option="--measurement-noise",
-        metavar="LENGTH",
         shown="0.3 m, or 8 in a scene-specific unit; 0 for --measured tracks, added to their own covariance",
     )
     process_noise_velocity: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--process-noise")
     max_coasting_s: float = setting(
-        2.0,
-        "Omit objects that are not measured for this long.",
-        unit="s",
-        above=0,
-        option="--max-coasting",
-        metavar="SECONDS",
+        2.0, "Omit objects that are not measured for this long.", unit="s", above=0, option="--max-coasting"
     )
 
 
@@ -49,30 +42,22 @@ class HullConfig(Settings):
 
     OWNER: ClassVar[str] = "hull"
 
-    max_missed_views: int = setting(
+    max_missed_views: int = option_setting(
         1,
         "Number of cameras that may miss an object. Larger values keep hulls that fewer silhouettes support.",
         at_least=0,
-        option="--max-missed-views",
     )
-    min_views: int = setting(2, "Minimum number of cameras that detect an object.", at_least=1, option="--min-views")
-    dilation: float = setting(
+    min_views: int = option_setting(2, "Minimum number of cameras that detect an object.", at_least=1)
+    dilation: float = option_setting(
         0.01,
         "Margin added to both sides of every run (foreground interval of a camera), in addition to twice its "
         "sigma_yaw.",
         unit="rad",
         at_least=0,
-        option="--dilation",
         metavar="RADIANS",
     )
-    min_area: float = setting(
-        1.0,
-        "Minimum area of a polygon.",
-        unit="length^2",
-        at_least=0,
-        people=0.02,
-        option="--min-area",
-        metavar="AREA",
+    min_area: float = option_setting(
+        1.0, "Minimum area of a polygon.", unit="length^2", at_least=0, people=0.02, metavar="AREA"
     )
     confirmation_time_s: float = setting(
         0.2,
@@ -81,7 +66,6 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--confirmation-time",
-        metavar="SECONDS",
     )
     evidence_memory_s: float = setting(
         2.0,
@@ -91,7 +75,6 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--evidence-memory",
-        metavar="SECONDS",
     )
     deletion_time_s: float = setting(
         0.5,
@@ -107,17 +90,11 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--coasting",
-        metavar="SECONDS",
     )
     max_speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
     max_jump: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
     window_s: float = setting(
-        0.0,
-        "Frames closer together in time are one time step.",
-        unit="s",
-        at_least=0,
-        option="--window",
-        metavar="SECONDS",
+        0.0, "Frames closer together in time are one time step.", unit="s", at_least=0, option="--window"
     )
     exclude_targets: bool = setting(
         True,
@@ -136,8 +113,8 @@ class AcousticConfig(Settings):
 
     OWNER: ClassVar[str] = "acoustic"
 
-    gate: float = setting(
-        3.0, "Gate in standard deviations for a direction or a position to be of a source.", above=0, option="--gate"
+    gate: float = option_setting(
+        3.0, "Gate in standard deviations for a direction or a position to be of a source.", above=0
     )
     process_noise_velocity: float = setting(
         1.2,
@@ -154,23 +131,12 @@ class AcousticConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--confirmation-time",
-        metavar="SECONDS",
     )
     max_coasting_s: float = setting(
-        2.0,
-        "Omit sources that are not detected for this long.",
-        unit="s",
-        at_least=0,
-        option="--max-coasting",
-        metavar="SECONDS",
+        2.0, "Omit sources that are not detected for this long.", unit="s", at_least=0, option="--max-coasting"
     )
     window_s: float = setting(
-        0.0,
-        "Directions closer together in time are one time step.",
-        unit="s",
-        at_least=0,
-        option="--window",
-        metavar="SECONDS",
+        0.0, "Directions closer together in time are one time step.", unit="s", at_least=0, option="--window"
     )
     min_triangulation_angle: float = setting(
         0.1, "Minimum triangulation angle: directions at smaller angles give no position.", unit="rad", at_least=0

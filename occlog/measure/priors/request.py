@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, Verbs, group, output_file, scene_file, seed_of_all, sink, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import AcousticConfig, HullConfig, PositionPriorConfig
 
@@ -31,12 +31,10 @@ class KalmanRequest(Request):
     positions: Path = source("Truth or tracks.", argument=True)
     output: Path = output_file("Occluders (Parquet).", "occluders")
     scene: Path | None = source("Scene (YAML or a recording), of which only the length unit is used.", scene=True)
-    measured: bool = setting(
-        False, "POSITIONS are real measurements: no noise is added.", option="--measured", shown=""
-    )
+    measured: bool = option_setting(False, "POSITIONS are real measurements: no noise is added.", shown="")
     settings: Mapping[str, object] = group(lambda: PositionPriorConfig)
-    without: tuple[int, ...] = setting(
-        (), "Leave this object out; may be repeated.", option="--without", metavar="ID", repeat=True, shown=""
+    without: tuple[int, ...] = option_setting(
+        (), "Leave this object out; may be repeated.", metavar="ID", repeat=True, shown=""
     )
     seed: int = seed_of_all()
 
@@ -62,8 +60,8 @@ class HullRequest(Request):
     bearings: Path | None = source(
         "Bearings made along with VIEWS, which distinguish frames without people from missing frames."
     )
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = option_setting((), "Exclude these cameras.", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: HullConfig, example="max_speed=2")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,24 +14,20 @@ class RunComparisonConfig(Settings):
 
     OWNER: ClassVar[str] = "two runs side by side"
 
-    match_distance: float | None = setting(
+    match_distance: float | None = option_setting(
         None,
         "Match threshold: a track matches a target, or a track of the other run, within this distance.",
         unit="length",
         above=0,
         people=1.0,
-        option="--match-distance",
-        metavar="LENGTH",
         shown="1 m",
     )
-    divergence_distance: float | None = setting(
+    divergence_distance: float | None = option_setting(
         None,
         "Runs diverge where the positions of a person differ by more than this, or only one run has a track.",
         unit="length",
         above=0,
         people=0.5,
-        option="--divergence-distance",
-        metavar="LENGTH",
         shown="0.5 m",
     )
     min_duration_s: float = setting(
@@ -41,5 +37,4 @@ class RunComparisonConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--min-duration",
-        metavar="SECONDS",
     )

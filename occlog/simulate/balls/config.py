@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 ORTHOGRAPHIC_DISTANCE_PX = 1e6
 """At this distance [px] positions and sizes in an image of 320 px change by less than 0.03 px with depth."""
@@ -22,41 +22,31 @@ class BallsConfig(Settings):
 
     OWNER: ClassVar[str] = "balls"
 
-    frames: int = setting(400, "Number of frames of each camera.", at_least=1, option="--frames")
+    frames: int = option_setting(400, "Number of frames of each camera.", at_least=1)
     width: int = setting(320, "Width of the images.", unit="px", at_least=16, at_most=8192)
     height: int = setting(240, "Height of the images.", unit="px", at_least=16, at_most=8192)
-    balls: int = setting(6, "Number of balls.", at_least=1, option="--balls")
-    radius: float = setting(22.0, "Radius of the balls.", unit="px", at_least=0.5, option="--radius", metavar="PX")
-    ball_speed: float = setting(
-        3.0,
-        "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.",
-        unit="px",
-        at_least=0,
-        option="--ball-speed",
-        metavar="PX",
+    balls: int = option_setting(6, "Number of balls.", at_least=1)
+    radius: float = option_setting(22.0, "Radius of the balls.", unit="px", at_least=0.5)
+    ball_speed: float = option_setting(
+        3.0, "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.", unit="px", at_least=0
     )
-    spin: float = setting(0.05, "Rotation of a ball per frame.", unit="rad", at_least=0, option="--spin", metavar="RAD")
-    views: int = setting(
+    spin: float = option_setting(0.05, "Rotation of a ball per frame.", unit="rad", at_least=0, metavar="RAD")
+    views: int = option_setting(
         2,
         "Number of cameras: the two of the paper, at a right angle and level, then some between them, tilted down.",
         at_least=1,
         at_most=6,
-        option="--views",
     )
-    distance: float = setting(
+    distance: float = option_setting(
         ORTHOGRAPHIC_DISTANCE_PX,
         "Distance of the cameras from the centre of the box. Near cameras see sizes change.",
         unit="px",
         at_least=1,
-        option="--distance",
-        metavar="PX",
     )
     start_separated: bool = setting(
         True, "Start without occlusions of balls in the first frame.", option="--separated/--overlapping"
     )
-    collide: bool = setting(
-        False, "Balls bounce off each other.", option="--collide", shown="one flies through the other"
-    )
+    collide: bool = option_setting(False, "Balls bounce off each other.", shown="one flies through the other")
     noise: float = setting(
         1.5,
         "Image noise common to the colour channels: standard deviation in grey levels of 255.",
@@ -64,30 +54,21 @@ class BallsConfig(Settings):
         option="--image-noise",
         metavar="LEVELS",
     )
-    colour_noise: float = setting(
-        1.0,
-        "Image noise per colour channel: standard deviation in grey levels of 255.",
-        at_least=0,
-        option="--colour-noise",
-        metavar="LEVELS",
+    colour_noise: float = option_setting(
+        1.0, "Image noise per colour channel: standard deviation in grey levels of 255.", at_least=0, metavar="LEVELS"
     )
-    background_clutter: int = setting(
-        6, "Background patches in the colours of the balls, per view.", at_least=0, option="--background-clutter"
-    )
-    ball_motion: str = setting(
+    background_clutter: int = option_setting(6, "Background patches in the colours of the balls, per view.", at_least=0)
+    ball_motion: str = option_setting(
         "straight",
         f"Straight on; a random walk with steps of standard deviation `speed` along each axis; or manoeuvres: "
         f"random accelerations, with a speed of at most {FASTEST:g} times `speed`.",
         choices=MOTIONS,
-        option="--ball-motion",
     )
-    ball_acceleration: float = setting(
+    ball_acceleration: float = option_setting(
         1.0,
         "Manoeuvring balls: standard deviation of the velocity change per frame, along each axis.",
         unit="px",
         at_least=0,
-        option="--ball-acceleration",
-        metavar="PX",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

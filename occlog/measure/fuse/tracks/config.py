@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -14,22 +14,19 @@ class TrackFusionConfig(Settings):
 
     OWNER: ClassVar[str] = "fuse tracks"
 
-    gate: float = setting(
+    gate: float = option_setting(
         4.0,
         "Gate in standard deviations: two tracks this close together or closer are of one person. Larger values "
         "join more tracks.",
         above=0,
-        option="--gate",
     )
-    sigma_registration: float = setting(
+    sigma_registration: float = option_setting(
         0.7,
         "Registration error: standard deviation, per axis, between the positions that two groups of cameras give "
         "one person because of their poses.",
         unit="length",
         at_least=0,
         people=0.1,
-        option="--sigma-registration",
-        metavar="LENGTH",
     )
     comparison_window_s: float = setting(
         2.0, "Time over which two tracks are compared, half of it before and half after.", unit="s", above=0
@@ -43,6 +40,5 @@ class TrackFusionConfig(Settings):
         unit="s",
         at_least=0,
         option="--window",
-        metavar="SECONDS",
         nothing="just under half the shortest period",
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.core.navigation.config import FieldSettings
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -18,13 +18,12 @@ class NavigateConfig(FieldSettings):
 
     OWNER: ClassVar[str] = "navigate"
 
-    speed: float = setting(
+    speed: float = option_setting(
         2.0**0.5,
         "Constant speed s_r of the robot.",
         unit="length/s",
         people=1.0,
         above=0,
-        option="--speed",
         metavar="LENGTH",
         shown="1 m/s, or the square root of 2 in a scene-specific unit",
     )
@@ -36,19 +35,10 @@ class NavigateConfig(FieldSettings):
         at_least=1e-6,
         at_most=1e6,
         option="--step",
-        metavar="SECONDS",
     )
-    radius: float = setting(
-        0.0, "Radius r_r of the robot.", unit="length", people=0.25, at_least=0, option="--radius", metavar="LENGTH"
-    )
-    obstacle_radius: float = setting(
-        0.0,
-        "Radius r_o of tracked people.",
-        unit="length",
-        people=0.25,
-        at_least=0,
-        option="--obstacle-radius",
-        metavar="LENGTH",
+    radius: float = option_setting(0.0, "Radius r_r of the robot.", unit="length", people=0.25, at_least=0)
+    obstacle_radius: float = option_setting(
+        0.0, "Radius r_o of tracked people.", unit="length", people=0.25, at_least=0
     )
     inflation_sigmas: float = setting(
         0.0,
@@ -58,13 +48,12 @@ class NavigateConfig(FieldSettings):
     max_gap_s: float = setting(
         1.0, "Maximum gap between two rows of a track to interpolate.", unit="s", at_least=0, at_most=1e9
     )
-    origin: str = setting(
+    origin: str = option_setting(
         "centre",
         "Distances of potentials are from the `centre` of round obstacles and people, as in the thesis, or from their "
         "`border`.",
         people="border",
         choices=("centre", "border"),
-        option="--origin",
     )
     prediction_horizon_s: float = setting(
         0.0,
@@ -74,7 +63,6 @@ class NavigateConfig(FieldSettings):
         at_least=0,
         at_most=3600,
         option="--prediction-horizon",
-        metavar="SECONDS",
     )
     collision_guard: bool = setting(
         False,
@@ -82,24 +70,17 @@ class NavigateConfig(FieldSettings):
         people=True,
         option="--collision-guard/--no-collision-guard",
     )
-    shape: str = setting(
+    shape: str = option_setting(
         "circle",
         "Static occluders repel as a `circle` about them, or by their nearest point, as a `polygon`, which "
         "traps robots at its sides; collisions are with the polygon in either case.",
         choices=("circle", "polygon"),
-        option="--shape",
     )
     walls: bool = setting(True, "The walls of the room repel too.", option="--walls/--no-walls")
-    goal_tolerance: float | None = setting(
-        None,
-        "Distance from the goal at which it is reached.",
-        unit="length",
-        above=0,
-        option="--goal-tolerance",
-        metavar="LENGTH",
-        nothing="the length of a step",
+    goal_tolerance: float | None = option_setting(
+        None, "Distance from the goal at which it is reached.", unit="length", above=0, nothing="the length of a step"
     )
-    max_steps: int = setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000, option="--max-steps")
+    max_steps: int = option_setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000)
 
     @property
     def way(self) -> float:

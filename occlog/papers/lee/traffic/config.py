@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, listed, setting
+from occlog.settings import Settings, listed, option_setting
 
 PROTOCOLS = ("rbvc", "sbvc")
 CHANNELS = ("shared", "node", "link")
@@ -18,30 +18,27 @@ class TrafficConfig(Settings):
 
     OWNER: ClassVar[str] = "traffic"
 
-    protocol: str = setting(
+    protocol: str = option_setting(
         "rbvc,sbvc",
         "Where images of cameras correct the estimated positions of objects: in the routers (rbvc) or in the server "
         "(sbvc); several separated by commas.",
         choices=PROTOCOLS,
         several=True,
-        option="--protocol",
         metavar="A,B",
     )
-    image_kb: tuple[float, ...] = setting(
-        (40.0,), "Size of a camera's image, in units of 1000 bytes.", option="--image-kb", metavar="A,B,..."
+    image_kb: tuple[float, ...] = option_setting(
+        (40.0,), "Size of a camera's image, in units of 1000 bytes.", metavar="A,B,..."
     )
-    objects_share: tuple[float, ...] = setting(
+    objects_share: tuple[float, ...] = option_setting(
         (0.1,),
         "Share of each router's objects that are tracked: messages of estimates grow with it, images do not. Several "
         "shares are simulated one by one.",
-        option="--objects-share",
         metavar="A,B,...",
     )
-    channel: str | None = setting(
+    channel: str | None = option_setting(
         None,
         "Shared resource of the links between routers: one channel, a radio at each node, or nothing.",
         choices=CHANNELS,
-        option="--channel",
         nothing="as stated in the network",
     )
 
