@@ -177,6 +177,10 @@ class ColumnTable:
         """New table with the selected rows; `rows` is a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
 
+    def with_columns(self, **values: object) -> Self:
+        """Copy with other values in the named columns, cast to the declared dtypes."""
+        return type(self).of(**{c.name: getattr(self, c.name) for c in self.columns()} | values)
+
     def sorted(self) -> Self:
         """Copy with the rows sorted by `KEY` (stable); an empty table is returned as it is."""
         if not len(self):
