@@ -263,7 +263,7 @@ def _of_cameras(made: Choices) -> None:
     groups = _calibrations(made)
     names = list(dict.fromkeys([*(i.name for i in found.of(FileKind.VIDEO, FileKind.IMAGES)), *opened.cameras]))
     _check_doubles(made, opened)
-    calibration = _choose_calibration(made, groups, names, {i.path: i for i in found.items})
+    calibration = _choose_calibration(made, groups, names)
     scene = _put_scene(made, "ingest")
     renamed = _match(made, calibration, names, scene)
     for kind in (FileKind.VIDEO, FileKind.IMAGES):
@@ -429,7 +429,7 @@ class OpenedCalibration(NamedTuple):
 def _calibration_items(made: Choices) -> list[Item]:
     """Return the files that together are the calibration of a bag's cameras; empty without one."""
     groups = _calibrations(made)
-    chosen = _choose_calibration(made, groups, [], {})
+    chosen = _choose_calibration(made, groups, [])
     return [] if chosen is None else list(chosen.items)
 
 
@@ -475,7 +475,7 @@ def _size(value: object) -> tuple[int, int] | None:
 
 
 def _choose_calibration(
-    made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str], _items: Mapping[Path, Item]
+    made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str]
 ) -> OpenedCalibration | None:
     """Return a calibration that the user states, or the one with most of the cameras `names`; the others are dropped.
 
