@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
+from occlog.evaluate.verdict import TrackProvenance
 from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.limits import Content, content_of
 from occlog.io.recording.reader import open_recording
 from occlog.records.declared.people import BOX, GROUND, PREDICTED
 from occlog.records.declared.views import ViewTracks
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import Tracks
-from occlog.records.verdicts import summary_of, texts_of
+from occlog.records.verdicts import Verdict, summary_of, texts_of
 from occlog.runner import Job, JobResult
 
 from .content.model import ReportInput
@@ -28,15 +31,6 @@ from .page import build_markdown, build_page
 from .picture import build_picture
 from .replay.thumbnails import ImageTables, Thumbnails, thumbnails
 from .request import PageRequest
-
-if TYPE_CHECKING:
-    from occlog.evaluate.verdict import TrackProvenance
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
-    from occlog.records.verdicts import Verdict
-
-    from .content.model import ReportInput
-
 
 PIXELS = "px"
 """Unit of lengths of tracks in images."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,9 +27,6 @@ from occlog.settings import configure
 from .config import LabelConfig, NamingConfig
 from .request import LabelRequest, MatchRequest
 from .stage import Labelled, label
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
