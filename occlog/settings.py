@@ -24,6 +24,8 @@ METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 """Metres in one unit of length; a scene may have its own unit also."""
 LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
 """Units that are a length to some power, times something that does not depend on the unit of length."""
+METAVARS = {"s": "SECONDS", "length": "LENGTH", "px": "PX", "deg": "DEGREES", "Hz": "HZ", "dB": "DB", "dBm": "DBM"}
+"""Placeholders of values in the help, by the unit, for options that declare none."""
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 C = TypeVar("C", bound="Settings")
 

@@ -2,7 +2,7 @@
 
 `python -m benchmarks.core.occlusion_error` prints them.  q: each form of Eq. 7 against
 quadrature, over random priors of one shape around random sight lines.  p(eta | u):
-`recursion` and `independent` against `exact`, over random rooms full of people.
+recursion and `independent` against the exact one, over random rooms full of people.
 Everything is drawn from fixed seeds, each row from its own, so that rows can be
 recomputed one by one.
 """
@@ -24,6 +24,7 @@ from occlog.papers.ercan.formulas.blocking import (
     PRINTED,
     QUADRATURE,
     blocking,
+    independent,
     patterns,
     seen_by_recursion,
     seen_exactly,
@@ -138,7 +139,7 @@ class Errors(NamedTuple):
 
 
 def p_row(crowd: Crowd) -> tuple[float, Errors, Errors]:
-    """Mean number of assigned cameras, and the errors of `recursion` and `independent`."""
+    """Mean number of assigned cameras, and the errors of the recursion and of `independent`."""
     room = reference_room(crowd.cameras)
     rng = np.random.default_rng(np.random.SeedSequence(2, spawn_key=tuple(int(1000 * v) for v in crowd)))
     found = [place_errors(room, crowd, rng) for _ in range(ROOMS)]
@@ -163,7 +164,7 @@ def place_errors(room: Room, crowd: Crowd, rng: np.random.Generator) -> tuple[Fl
         exact = patterns(seen_exactly(xy[None], cameras, priors))[0]
         counts.append(float(use.sum()))
         recursive.append(errors(patterns(seen_by_recursion(q))[0], exact))
-        free.append(errors(all_independent(q[0]), exact))
+        free.append(errors(independent(q)[0], exact))
     return np.array(counts), np.array(recursive), np.array(free)
 
 
@@ -171,14 +172,6 @@ def crowd_priors(crowd: Crowd, rng: np.random.Generator) -> Priors:
     """Priors of occluders that are anywhere in the room."""
     M = crowd.occluders
     return gaussian_priors(rng.uniform(0, 100, (M, 2)), covariances(crowd.sigma, crowd.alpha, M, rng), crowd.diameter)
-
-
-def all_independent(q: Floats) -> Floats:
-    """(2^N,) p of all eta with independent cameras, from q (N, M); bit i for camera i."""
-    out = np.ones(1)
-    for seen in np.prod(1.0 - q, axis=1):
-        out = np.concatenate([out * (1.0 - seen), out * seen])
-    return out
 
 
 def errors(p: Floats, exact: Floats) -> tuple[float, float]:

@@ -74,7 +74,6 @@ class CalibrateConfig(Settings):
         unit="s",
         at_least=0,
         at_most=600,
-        metavar="SECONDS",
     )
     max_gap: float = option_setting(
         10.0,
@@ -82,7 +81,6 @@ class CalibrateConfig(Settings):
         unit="s",
         above=0,
         at_most=60,
-        metavar="SECONDS",
     )
     source_height: float = setting(
         1.5,

@@ -6,9 +6,8 @@
 --seed N               seed of all random numbers               simulate track run
 --json                 the summary as JSON on standard output   all
 -v / -q                more / fewer messages                    all
---workers N            threads; the result does not depend on it   detect run
 
-Values of options: finite numbers, which the ranges of click alone do not promise, names, times, settings.
+Values of options: finite numbers, which the ranges of click alone do not promise, settings.
 """
 
 from __future__ import annotations
@@ -52,12 +51,6 @@ quiet_opt = click.option(
     is_flag=True,
     callback=remember_quiet,
     help="No progress bars, notes and warnings on standard error; outputs hold the findings.",
-)
-workers_opt = click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Number of threads; results do not depend on it. [default: one per processor]",
 )
 
 
@@ -137,34 +130,6 @@ class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 
 
 FRAMES, SIZE = Pair(size=False), Pair(size=True)
-
-
-POSITIVE = Finite(min=0, min_open=True)
-AT_LEAST_0 = Finite(min=0)
-RATE = Finite(1e-3, 1_000_000)
-"""Frames or steps a second: times are whole nanoseconds, and recordings last days at most."""
-
-
-LONGEST_WINDOW_S = 1e9
-
-
-def parse_names(text: str) -> tuple[str, ...]:
-    """Return the names in a text, separated by commas; spaces around them and empty ones are dropped."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def parse_window(seconds: float) -> int:
-    """Return a duration in seconds as nanoseconds; UsageError for NaN or more than `LONGEST_WINDOW_S`."""
-    return round(parse_seconds("--window", seconds) * 1e9)
-
-
-def parse_seconds(option: str, seconds: float) -> float:
-    """Return `seconds` unchanged; UsageError, which names the option, for NaN or more than `LONGEST_WINDOW_S`."""
-    if seconds != seconds:
-        raise UsageError(f"{option} {seconds}: must be a number")
-    if not seconds <= LONGEST_WINDOW_S:
-        raise UsageError(f"{option} {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
-    return seconds
 
 
 def parse_setting(text: str) -> tuple[str, str]:

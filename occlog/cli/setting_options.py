@@ -19,6 +19,7 @@ import click
 from occlog.errors import PluginError, UsageError, did_you_mean, nearest
 from occlog.plugins.loading import Chosen, Plugin, find, installed
 from occlog.settings import (
+    METAVARS,
     Declaration,
     SettingError,
     Settings,
@@ -80,7 +81,7 @@ class SettingOption(click.Option):
             required=f.default is MISSING,
             multiple=spec.repeat,
             nargs=spec.counts[0] if spec.apart else None,
-            metavar=spec.metavar,
+            metavar=spec.metavar or METAVARS.get(spec.unit),
             shell_complete=(lambda _ctx, _param, begun: [n for n in names if n.startswith(begun)]) if names else None,
             help=spec.help if spec.shown == "" else f"{spec.help} [default: {default_words(f)}]",
         )

@@ -9,6 +9,7 @@ import click
 from occlog import console
 from occlog.cli import options
 from occlog.errors import ExitCode
+from occlog.plugins.loading import EXPORTER, METHOD, VIEW_TRACKER, installed, named
 
 
 @click.group(name="plugin", short_help="List and check third-party plug-ins.")
@@ -30,7 +31,6 @@ def list_plugins(as_json: bool) -> int:
       occlog plugin list
     """
     from occlog.examine.export.formats import FORMATS
-    from occlog.plugins.loading import EXPORTER, METHOD, VIEW_TRACKER, installed
     from occlog.track.catalogue import OURS
 
     ours = {METHOD: set(OURS), VIEW_TRACKER: set(OURS), EXPORTER: set(FORMATS)}
@@ -69,8 +69,6 @@ def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
       occlog plugin check own
       occlog plugin check compass --sample walk.compass
     """
-    from occlog.plugins.loading import named
-
     from .faults import faults_by
     from .kits import kit_of
 

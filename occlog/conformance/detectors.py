@@ -10,7 +10,7 @@ import numpy as np
 from occlog.measure.detect.by_plugin import fault_of
 from occlog.plugins.interface import Detected, Image
 
-from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, called, defaults, manners, named, refuse
 
 GROWTH_BYTES = 4_000
 """Memory that a film of a few images may leave behind."""
@@ -51,9 +51,7 @@ def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = N
     for each in images:
         with called(what):
             found.append(seeing.detect(each))
-        wrong = fault_of(found[-1])
-        if wrong is not None:
-            raise BrokenError(wrong if what == "detect" else f"{what}: {wrong}")
+        refuse(fault_of(found[-1]), "" if what == "detect" else what)
     return found
 
 
@@ -209,11 +207,7 @@ def check_small(of: Any) -> None:
 
 CHECKS: dict[str, Check] = {
     **FIRST,
-    **{
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in list(globals().items())
-        if name.startswith("check_")
-    },
+    **named(globals()),
     **manners(use, "detect", growth_bytes=GROWTH_BYTES),
 }
 """Every check by its name."""

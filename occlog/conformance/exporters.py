@@ -13,7 +13,7 @@ from occlog.plugins.interface import ExportContext
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import TABLES
 
-from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, called, defaults, manners, named
 from .samples import SAMPLES, SCENE, in_unit, moved, with_gaps, with_names
 
 GROWTH_BYTES = 2_000
@@ -125,16 +125,14 @@ def check_names(of: Any) -> None:
 def check_old_times(of: Any) -> None:
     """Check that tables with times before 1970 (negative) can be written."""
     for rows in taken(of):
-        columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
-        early = type(rows).of(**{**columns, "t_ns": rows.t_ns - int(rows.t_ns[0]) - 10**9})  # type: ignore[attr-defined]
+        early = rows.with_columns(t_ns=rows.t_ns - int(rows.t_ns[0]) - 10**9)  # type: ignore[attr-defined]
         write(of, early, f"writing {rows.NAME} with times before 1970")
 
 
 def check_exact_times(of: Any) -> None:
     """Check that the output differs if all times are 1 ms later."""
     for rows in taken(of):
-        columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
-        later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
+        later = rows.with_columns(t_ns=rows.t_ns + np.int64(10**6))  # type: ignore[attr-defined]
         if write(of, later, f"writing {rows.NAME}") == write(of, rows, f"writing {rows.NAME}"):
             raise BrokenError(
                 f"the exporter writes the same file for {rows.NAME} with times 1 ms later; write milliseconds"
@@ -161,11 +159,7 @@ def check_reuse(of: Any) -> None:
 
 CHECKS: dict[str, Check] = {
     **FIRST,
-    **{
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in list(globals().items())
-        if name.startswith("check_")
-    },
+    **named(globals()),
     **manners(use, "write", growth_bytes=GROWTH_BYTES),
 }
 """Every check by its name."""

@@ -104,6 +104,33 @@ def bytes_left(steps: Iterable[object], first: int) -> float:
         tracemalloc.stop()
 
 
+def refuse(fault: str | None, what: str = "") -> None:
+    """Raise BrokenError if there is a fault; `what`: words for the call, before the fault."""
+    if fault is not None:
+        raise BrokenError(f"{what}: {fault}" if what else fault)
+
+
+def step_unchanged(step: Callable[[Any, Any], object], own: object, given: Any, what: str) -> None:
+    """Run a step with a named tuple, and raise BrokenError if it changes an array of it; `what`: words for the tuple.
+
+    The first two fields are numbers or names.
+    """
+    before = [np.array(values) for values in given[2:]]
+    step(own, given)
+    for name, was, now in zip(given._fields[2:], before, given[2:], strict=True):
+        if was.tobytes() != np.asarray(now).tobytes():
+            raise BrokenError(f"the plug-in's step changes {name} of the {what} that it is given; copy it")
+
+
+def named(namespace: Mapping[str, Check]) -> dict[str, Check]:
+    """Return the functions of a namespace that are called check_..., by the names of the checks."""
+    return {
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in namespace.items()
+        if name.startswith("check_")
+    }
+
+
 FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_settings}
 """Checks that end the run if they fail."""
 

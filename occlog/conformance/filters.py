@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,19 @@ from occlog.errors import OcclogError
 from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.track.plugin_filter import fault_of
 
-from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
+from .faults import (
+    FIRST,
+    BrokenError,
+    Check,
+    bytes_left,
+    called,
+    defaults,
+    manners,
+    named,
+    refuse,
+    step_unchanged,
+    words,
+)
 from .samples import FEW, PLAIN, SIGMA_RAD, WALK_STEPS, SampleWalk, blind, later, without_sensors
 
 SETTLED = WALK_STEPS // 2
@@ -52,10 +64,8 @@ def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
 
     `seed`: seed of its random numbers. Raise BrokenError if the constructor raises.
     """
-    try:
-        return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
-    except Exception as error:
-        raise BrokenError(f"a new filter raises {words(error)}") from error
+    with called("a new filter"):
+        return of(scene.scene, defaults(of, scene.scene.length_unit), np.random.default_rng(seed))
 
 
 def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
@@ -64,14 +74,14 @@ def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
     Raises:
         BrokenError: `step` raises, or returns an impossible position.
     """
-    try:
+    with called("step"):
         estimate = own.step(scan)
-    except Exception as error:
-        raise BrokenError(f"step raises {words(error)}") from error
-    wrong = None if estimate is None else fault_of(estimate)
-    if wrong is not None:
-        raise BrokenError(wrong)
+    refuse(_fault(estimate))
     return estimate
+
+
+def _fault(estimate: EstimatedPosition | None) -> str | None:
+    return None if estimate is None else fault_of(estimate)
 
 
 def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, ...] | None]:
@@ -106,31 +116,28 @@ def _similar(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -
 
 def check_shape(of: Of) -> None:
     """Check that estimates are `EstimatedPosition`s with arrays of the declared shapes."""
-    for estimate in _raw(of):
-        wrong = None if estimate is None else fault_of(estimate)
-        if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
-            raise BrokenError(wrong)
+    _refuse(of, lambda wrong: not any(word in wrong for word in ("definite", "symmetric", "finite")))
 
 
 def check_finite(of: Of) -> None:
     """Check that estimated positions and covariances are finite."""
-    _refuse(of, "finite")
+    _refuse(of, lambda wrong: "finite" in wrong)
 
 
 def check_symmetric(of: Of) -> None:
     """Check that covariances of estimates are symmetric."""
-    _refuse(of, "symmetric")
+    _refuse(of, lambda wrong: "symmetric" in wrong)
 
 
 def check_definite(of: Of) -> None:
     """Check that covariances of estimates are positive definite."""
-    _refuse(of, "definite")
+    _refuse(of, lambda wrong: "definite" in wrong)
 
 
-def _refuse(of: Of, word: str) -> None:
+def _refuse(of: Of, wanted: Callable[[str], bool]) -> None:
     for estimate in _raw(of):
-        wrong = None if estimate is None else fault_of(estimate)
-        if wrong is not None and word in wrong:
+        wrong = _fault(estimate)
+        if wrong is not None and wanted(wrong):
             raise BrokenError(wrong)
 
 
@@ -196,11 +203,7 @@ def check_inputs(of: Of) -> None:
     """Check that `step` leaves the arrays of the given scan unchanged."""
     own = start(of)
     for scan in FEW:
-        copy = [np.array(v) for v in scan[2:]]
-        step(own, scan)
-        for name, was, now in zip(TargetScan._fields[2:], copy, scan[2:], strict=True):
-            if was.tobytes() != np.asarray(now).tobytes():
-                raise BrokenError(f"the filter's step changes {name} of the scan that it is given; copy it")
+        step_unchanged(step, own, scan, "time step")
 
 
 def check_results(of: Of) -> None:
@@ -263,7 +266,7 @@ def check_time_back(of: Of) -> None:
         return
     except Exception as error:
         raise BrokenError(f"the filter raises {words(error)} at a time that goes back; raise a ValueError") from error
-    wrong = None if estimate is None else fault_of(estimate)
+    wrong = _fault(estimate)
     if wrong is not None:
         raise BrokenError(f"after a time that goes back {wrong}")
 
@@ -335,10 +338,6 @@ def check_epoch(of: Of) -> None:
 CHECKS: dict[str, Check] = {
     **FIRST,
     **manners(lambda of: _bytes(run(of, FEW)), "step"),
-    **{
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in list(globals().items())
-        if name.startswith("check_")
-    },
+    **named(globals()),
 }
 """Every check by its name."""

@@ -12,7 +12,7 @@ import numpy as np
 from occlog.evaluate.stage import fault_of
 from occlog.plugins.interface import MetricInput
 
-from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, called, defaults, manners, named, refuse
 from .samples import START_NS, compared, errors
 
 GROWTH_BYTES = 2_000
@@ -36,9 +36,7 @@ def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, 
     """
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
-    wrong = fault_of(found, of.units)
-    if wrong is not None:
-        raise BrokenError(wrong if what == "figures" else f"{what}: {wrong}")
+    refuse(fault_of(found, of.units), "" if what == "figures" else what)
     return found  # type: ignore[no-any-return]
 
 
@@ -120,20 +118,19 @@ def check_reuse(of: Any) -> None:
 def check_no_tracks(of: Any) -> None:
     """Check that a metric accepts tracks without rows."""
     given = compared()
-    nothing = slice(0, 0)
-    figures(of, given._replace(tracks=given.tracks.take(nothing), errors=given.errors.take(nothing)), "without tracks")
+    figures(of, given._replace(tracks=given.tracks.empty(), errors=given.errors.empty()), "without tracks")
 
 
 def check_no_truth(of: Any) -> None:
     """Check that a metric accepts a truth without rows."""
     given = compared()
-    figures(of, given._replace(truth=given.truth.take(slice(0, 0)), errors=given.errors.take(slice(0, 0))), "no truth")
+    figures(of, given._replace(truth=given.truth.empty(), errors=given.errors.empty()), "no truth")
 
 
 def check_no_pairs(of: Any) -> None:
     """Check that a metric accepts tracks and truth without common identities, so that the errors have no rows."""
     given = compared()
-    figures(of, given._replace(errors=given.errors.take(slice(0, 0))), "tracks and truth of other people")
+    figures(of, given._replace(errors=given.errors.empty()), "tracks and truth of other people")
 
 
 def check_one_row(of: Any) -> None:
@@ -146,13 +143,13 @@ def check_one_row(of: Any) -> None:
 def check_no_covariance(of: Any) -> None:
     """Check that a metric accepts NaN as covariances, velocities and NEES."""
     given = compared()
-    columns = {c.name: getattr(given.tracks, c.name) for c in given.tracks.columns()}
-    for name in ("vx", "vy", "cov_xx", "cov_xy", "cov_yy"):
-        if next(c for c in given.tracks.columns() if c.name == name).nan is not None:
-            columns[name] = np.full(len(given.tracks), np.nan)
-    left = {c.name: getattr(given.errors, c.name) for c in given.errors.columns()}
-    left["nees"] = np.full(len(given.errors), np.nan)
-    bare = given._replace(tracks=type(given.tracks).of(**columns), errors=type(given.errors).of(**left))
+    unknown = {
+        c.name: np.full(len(given.tracks), np.nan)
+        for c in given.tracks.columns()
+        if c.name in ("vx", "vy", "cov_xx", "cov_xy", "cov_yy") and c.nan is not None
+    }
+    left = given.errors.with_columns(nees=np.full(len(given.errors), np.nan))
+    bare = given._replace(tracks=given.tracks.with_columns(**unknown), errors=left)
     figures(of, bare, "tracks without covariances")
 
 
@@ -161,8 +158,7 @@ def check_numbers(of: Any) -> None:
     given = compared()
 
     def renamed(table: Any) -> Any:
-        columns = {c.name: getattr(table, c.name) for c in table.columns()}
-        return type(table).of(**{**columns, "target_id": np.where(table.target_id == 3, 40, 7).astype(np.int32)})
+        return table.with_columns(target_id=np.where(table.target_id == 3, 40, 7))
 
     other = MetricInput(renamed(given.tracks), renamed(given.truth), renamed(given.errors), "m")
     _similar(of, other, "with other numbers of targets")
@@ -185,11 +181,7 @@ def check_epoch(of: Any) -> None:
 
 CHECKS: dict[str, Check] = {
     **FIRST,
-    **{
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in list(globals().items())
-        if name.startswith("check_")
-    },
+    **named(globals()),
     **manners(use, "figures", growth_bytes=GROWTH_BYTES),
 }
 """Every check by its name."""

@@ -20,7 +20,7 @@ from occlog.io.files.texts.csv_rows import first_line
 from occlog.plugins.interface import Columns
 from occlog.records.tables import TABLES
 
-from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, called, defaults, manners, named, refuse
 
 REFUSALS = (ValueError, OSError)
 """Exceptions that a reader may raise for a damaged file."""
@@ -33,12 +33,8 @@ SHARES, LAST = (0.9, 0.5, 0.1), range(1, 9)
 def checks_with(sample: Path) -> dict[str, Check]:
     """Return the checks of reader classes by name, with `sample`, a file that the readers can read."""
     checks = ReaderChecks(sample)
-    own: dict[str, Check] = {
-        name.removeprefix("check_").replace("_", "-"): getattr(checks, name)
-        for name in vars(ReaderChecks)
-        if name.startswith("check_")
-    }
-    return {**FIRST, **own, **manners(checks.text, "read", growth_bytes=GROWTH_BYTES)}
+    own = {name: getattr(checks, name) for name in vars(ReaderChecks)}
+    return {**FIRST, **named(own), **manners(checks.text, "read", growth_bytes=GROWTH_BYTES)}
 
 
 @dataclass(frozen=True)
@@ -54,9 +50,7 @@ class ReaderChecks:
         """
         with called("read"):
             found = of(defaults(of)).read(path or self.sample)
-        wrong = fault_of(found)
-        if wrong is not None:
-            raise BrokenError(wrong)
+        refuse(fault_of(found))
         return found  # type: ignore[no-any-return]
 
     def text(self, of: Any, path: Path | None = None) -> str:
@@ -183,9 +177,7 @@ class ReaderChecks:
                 return
         if refused:
             raise BrokenError(f"the reader's read accepts {what} as if nothing were wrong; raise a ValueError")
-        wrong = fault_of(found)
-        if wrong is not None:
-            raise BrokenError(f"{what}: {wrong}")
+        refuse(fault_of(found), what)
 
     def check_absent(self, of: Any) -> None:
         """Check that `read` raises OSError for a missing file."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.plugins.interface import MetricInput, TargetScan
-from occlog.records.columns import ColumnTable
+from occlog.records.columns import LENGTHS, ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
@@ -201,15 +201,13 @@ SAMPLES: dict[str, Callable[[], ColumnTable]] = {
 
 def with_gaps(rows: T) -> T:
     """Return a copy of the rows with NaN in every numeric column that allows it."""
-    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
-    for c in rows.columns():
-        if c.nan is not None and c.dtype.kind == "f" and rows.NAME != "boxes":
-            columns[c.name] = np.full_like(columns[c.name], np.nan)
+    if isinstance(rows, Boxes):
+        return rows.with_columns(confidence=np.full(len(rows), np.nan))
+    unknown = [c.name for c in rows.columns() if c.nan is not None and c.dtype.kind == "f"]
+    columns = {name: np.full_like(getattr(rows, name), np.nan) for name in unknown}
     if isinstance(rows, Bearings):
         columns["seen"] = np.zeros(len(rows), dtype=np.bool_)
-    if isinstance(rows, Boxes):
-        columns["confidence"] = np.full(len(rows), np.nan)
-    return type(rows).of(**columns)
+    return rows.with_columns(**columns)
 
 
 def moved(rows: T, row: int) -> T:
@@ -223,18 +221,13 @@ def moved(rows: T, row: int) -> T:
 
 def with_names(rows: T, name: str) -> T:
     """Return a copy of the rows in which every row has the sensor `name`."""
-    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
-    return type(rows).of(**{**columns, "sensor": np.full(len(rows), name)})
+    return rows.with_columns(sensor=np.full(len(rows), name))
 
 
 def in_unit(rows: T, factor: float) -> T:
     """Return a copy of the rows with lengths (and their powers) in another unit; `factor`: units per metre."""
-    powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
-    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
-    for c in rows.columns():
-        if c.unit in powers:
-            columns[c.name] = columns[c.name] * factor ** powers[c.unit]
-    return type(rows).of(**columns)
+    scaled = {c.name: getattr(rows, c.name) * factor ** LENGTHS[c.unit] for c in rows.columns() if c.unit in LENGTHS}
+    return rows.with_columns(**scaled)
 
 
 NAMES = ("north", "east", "west")

@@ -11,7 +11,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.plugins.interface import BoxesInFrame
 from occlog.track.single_view.stage import fault_of
 
-from .faults import FIRST, BrokenError, Check, bytes_left, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, bytes_left, called, defaults, manners, named, refuse, step_unchanged
 
 START_NS = 1_790_000_000 * NS
 STEP_NS = NS // 25
@@ -70,9 +70,7 @@ def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
     """
     with called(what):
         ids = own.step(found)
-    wrong = fault_of(ids, len(found.boxes))
-    if wrong is not None:
-        raise BrokenError(wrong if what == "step" else f"{what}: {wrong}")
+    refuse(fault_of(ids, len(found.boxes)), "" if what == "step" else what)
     return np.array(ids, dtype=np.int64).reshape(-1)
 
 
@@ -201,11 +199,7 @@ def check_inputs(of: Any) -> None:
     """Check that `step` leaves the arrays of the given frame unchanged."""
     own = start(of)
     for each in walk(15):
-        before = [np.array(value) for value in each[2:]]
-        step(own, each)
-        for name, was, now in zip(BoxesInFrame._fields[2:], before, each[2:], strict=True):
-            if was.tobytes() != np.asarray(now).tobytes():
-                raise BrokenError(f"the tracker's step changes {name} of the frame that it is given; copy it")
+        step_unchanged(step, own, each, "frame")
 
 
 def check_results(of: Any) -> None:
@@ -284,11 +278,7 @@ def check_epoch(of: Any) -> None:
 
 CHECKS: dict[str, Check] = {
     **FIRST,
-    **{
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in list(globals().items())
-        if name.startswith("check_")
-    },
+    **named(globals()),
     **manners(use, "step"),
 }
 """Every check by its name."""

@@ -202,8 +202,7 @@ class QualityFlags:
             ",".join(name for name, has in zip(ROW_FLAGS, row, strict=True) if has)
             for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), denied.tolist(), strict=True)
         ]
-        columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
-        return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
+        return tracks, diagnostics.with_columns(quality_flags=np.array(doubt, dtype=np.str_))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
         """Return (N,) booleans: at least half of the sensors that detected the target cannot see the estimate.

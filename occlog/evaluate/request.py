@@ -77,7 +77,6 @@ class EvaluateRequest(Request):
         at_least=0,
         at_most=180,
         option="--doa-gate",
-        metavar="DEGREES",
         nothing="10 deg",
         kinds=(AZIMUTHS,),
     )
@@ -137,10 +136,7 @@ class EvaluateRequest(Request):
         kinds=MANY,
     )
     failures: Path | None = sink(
-        "Write each failure of a tracker: frame, camera, target, cause (Parquet).",
-        "failures",
-        asked="also",
-        kinds=MANY,
+        "Write each failure of a tracker: frame, camera, target, cause (Parquet).", "failures", asked="also", kinds=MANY
     )
     counts: Path | None = sink(
         "Write the numbers of targets and tracks at each time of the truth (Parquet).",

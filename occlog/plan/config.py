@@ -39,7 +39,6 @@ class PlanConfig(Settings):
         "Height, in the scene's unit, of people who occlude the target from cameras of known height.",
         unit="length",
         above=0,
-        metavar="LENGTH",
         nothing="no camera sees over them, as in `occlog simulate`",
     )
     target_height: float = option_setting(
@@ -48,7 +47,6 @@ class PlanConfig(Settings):
         unit="length",
         at_least=0,
         people=0.9,
-        metavar="LENGTH",
     )
     speed: float = like(WorldConfig, "speed", "Speed of target and people.")
     process_noise_position: float = like(
@@ -81,7 +79,6 @@ class PlanConfig(Settings):
         above=0,
         at_most=1000,
         option="--rate",
-        metavar="HZ",
     )
     settling_s: float = setting(
         60.0,
@@ -109,7 +106,6 @@ class PlanConfig(Settings):
         "Report the share of the floor with an expected RMS error below this, in the scene's unit.",
         unit="length",
         above=0,
-        metavar="LENGTH",
         nothing="not reported",
     )
 

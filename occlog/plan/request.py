@@ -55,7 +55,6 @@ class PlanRequest(Request):
         "sixteenth of the length of all walls]",
         unit="length",
         above=0,
-        metavar="LENGTH",
         shown="",
     )
     add: int | None = option_setting(

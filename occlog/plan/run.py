@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance
 from occlog.io.open import load_scene, open_input
 from occlog.records.declared.world import PlanMap
+from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.runner import Job, Tables
@@ -38,9 +38,6 @@ from .stage import (
     sensors_of,
     worst_cell,
 )
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
 
 PICTURES = (".png", ".svg")
 PLACES = 16

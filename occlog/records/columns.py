@@ -196,6 +196,15 @@ class ColumnTable:
         """New table with the selected rows; `rows` is a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
 
+    def with_columns(self, **values: object) -> Self:
+        """Copy with other values in the named columns, cast to the declared dtypes."""
+        return type(self).of(**{c.name: getattr(self, c.name) for c in self.columns()} | values)
+
+    def same_rows(self, other: Self) -> bool:
+        """Whether two tables have the same rows in the same order; NaN equals NaN."""
+        columns = ((getattr(self, c.name), getattr(other, c.name)) for c in self.columns())
+        return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
+
     def sorted(self) -> Self:
         """Copy with the rows sorted by `KEY` (stable); an empty table is returned as it is."""
         if not len(self):

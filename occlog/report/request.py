@@ -42,12 +42,7 @@ class ReportRequestBase(Request):
     tracks: Path | None = source("Tracks, or a run folder.", argument=True, required=False)
     scene: Path | None = scene_file()
     truth: Path | None = source("True positions: a recording or a table.")
-    png: Path | None = sink(
-        PNG_HELP,
-        result="report",
-        suffix=".png",
-        asked="png",
-    )
+    png: Path | None = sink(PNG_HELP, result="report", suffix=".png", asked="png")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +101,7 @@ class OverlayRequest(ReportRequestBase):
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
-    png: Path | None = sink(
-        PNG_HELP,
-        result="frame",
-        suffix=".png",
-        asked="frame",
-    )
+    png: Path | None = sink(PNG_HELP, result="frame", suffix=".png", asked="frame")
     recording: Path = source("Recording with the video to draw over.", required=True)
     video: Path | None = sink(
         "Video to write: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi (Motion JPEG, "
@@ -149,13 +139,7 @@ class OverlayRequest(ReportRequestBase):
         True, "Draw the floor plan next to the images, for ground tracks.", option="--plan/--no-plan", shown="plan"
     )
     trail_s: float = setting(
-        2.0,
-        "Length of the trail behind each target.",
-        unit="s",
-        at_least=0,
-        at_most=3600,
-        option="--trail",
-        metavar="SECONDS",
+        2.0, "Length of the trail behind each target.", unit="s", at_least=0, at_most=3600, option="--trail"
     )
     fundamental: Path | None = source("Epipolar geometry used by the tracker, if not that of the recording.")
     scale: float | None = option_setting(
@@ -166,13 +150,7 @@ class OverlayRequest(ReportRequestBase):
         shown="by a whole number to about 360 px; no video is larger than 3840 x 2160 px",
     )
     fps: float | None = option_setting(
-        None,
-        "Frame rate of the video.",
-        unit="Hz",
-        at_least=0.1,
-        at_most=1000,
-        metavar="HZ",
-        shown="those of the recording",
+        None, "Frame rate of the video.", unit="Hz", at_least=0.1, at_most=1000, shown="those of the recording"
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

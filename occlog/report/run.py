@@ -5,38 +5,36 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
+from occlog.evaluate.verdict import TrackProvenance
 from occlog.io.files.atomic import OutputGroup, open_output
+from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import Content, content_of
+from occlog.io.files.provenance import Provenance
+from occlog.io.files.texts.documents import read_json
+from occlog.io.open import check_unit, common_unit, input_losses, load_scene, open_if_ours, open_input
 from occlog.io.recording.reader import open_recording
 from occlog.records.declared.people import BOX, GROUND, PREDICTED
 from occlog.records.declared.views import ViewTracks
-from occlog.records.tables import Tracks
-from occlog.records.verdicts import summary_of, texts_of
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Tracks, Truth
+from occlog.records.verdicts import Verdict, summary_of, texts_of
 from occlog.runner import Job, JobResult
 
 from .content.model import ReportInput
-from .gather import TABLES
+from .gather import TABLES, gather, in_files, in_pixels
 from .overlay.plan import OverlayTables
 from .page import build_markdown, build_page
 from .picture import build_picture
 from .replay.thumbnails import ImageTables, Thumbnails, thumbnails
 from .request import PageRequest
-
-if TYPE_CHECKING:
-    from occlog.evaluate.verdict import TrackProvenance
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
-    from occlog.records.verdicts import Verdict
-
-    from .content.model import ReportInput
-
 
 PIXELS = "px"
 """Unit of lengths of tracks in images."""
@@ -80,15 +78,11 @@ def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) ->
 
 
 def _has_truth(recording: Path) -> bool:
-    from occlog.records.tables import Truth
-
     return open_recording(recording).has(Truth)
 
 
 def has_tracks_in_images(tracks: Path | None) -> bool:
     """Return whether a file is a table of tracks in images (False for a recording or None)."""
-    from occlog.io.open import open_input
-
     if tracks is None or content_of(tracks) is Content.RECORDING:
         return False
     opened = open_input(tracks)
@@ -102,11 +96,6 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
         request: inputs.
         whole: names of tables that are drawn whole, however long they are.
     """
-    from occlog.io.files.texts.documents import read_json
-
-    from .content.model import ReportInput
-    from .gather import TABLES, gather, in_files, in_pixels
-
     paths, title = request.found, request.title
     in_images = paths.in_images
     scene = None if in_images else _scene(paths)
@@ -135,8 +124,6 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
 
 def _states_boxes(tracks: Path) -> bool:
     """Return whether a table of tracks in images states in which frames a target has a box."""
-    from occlog.io.open import open_input
-
     modes = (BOX, GROUND, PREDICTED)
     return any(np.isin(rows.likelihood_mode, modes).any() for rows in open_input(tracks).rows(ViewTracks))
 
@@ -146,16 +133,11 @@ def _made_tracks(tracks: Path | None) -> TrackProvenance:
 
     Defaults without a file, or if it is not an occlog table.
     """
-    from occlog.evaluate.verdict import TrackProvenance
-    from occlog.io.open import open_if_ours
-
     opened = None if tracks is None else open_if_ours(tracks)
     return TrackProvenance() if opened is None else TrackProvenance.of(opened.provenance)
 
 
 def _scene(paths: PageRequest) -> Scene | None:
-    from occlog.io.open import load_scene, open_input
-
     if paths.scene is not None:
         return load_scene(paths.scene, None, paths.scene)
     named = (paths.truth, paths.bearings, paths.images, paths.recording)
@@ -165,8 +147,6 @@ def _scene(paths: PageRequest) -> Scene | None:
 
 def _unit(paths: PageRequest, scene: Scene | None) -> str:
     """Return the length unit of the scene, else of the tables; InputError if a table has another one."""
-    from occlog.io.open import check_unit, common_unit, open_input
-
     named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
     opened = [each for path in named if path is not None and (each := open_input(path)).recording is None]
     unit, source = common_unit(opened) if scene is None else (scene.length_unit, "the scene")
@@ -180,10 +160,6 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
 
     `paths`: request with the inputs; `title`: heading of the page.
     """
-    from occlog.io.files.inputs import hash_inputs
-    from occlog.io.files.provenance import Provenance
-    from occlog.io.open import input_losses, open_if_ours
-
     opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
     losses = input_losses(opened)
     listed_separately = ("losses", "verdicts")

@@ -42,12 +42,7 @@ class WorldConfig(Settings):
         metavar="LENGTH",
     )
     speed: float = option_setting(
-        1.0,
-        "Speed of an object, without noise.",
-        unit="length/s",
-        people=1.2,
-        above=0,
-        metavar="LENGTH",
+        1.0, "Speed of an object, without noise.", unit="length/s", people=1.2, above=0, metavar="LENGTH"
     )
     process_noise_position: float = setting(
         0.33,
@@ -56,12 +51,9 @@ class WorldConfig(Settings):
         people=0.05,
         at_least=0,
         option="--process-noise",
-        metavar="LENGTH",
     )
     redirect_probability: float = option_setting(
-        0.095,
-        "Probability per second of a new destination before arrival; 0: on arrival only.",
-        **SHARE,
+        0.095, "Probability per second of a new destination before arrival; 0: on arrival only.", **SHARE
     )
     wall_clearance: float = option_setting(
         0.0,
@@ -69,7 +61,6 @@ class WorldConfig(Settings):
         unit="length",
         people=0.25,
         at_least=0,
-        metavar="LENGTH",
     )
     object_height: float | None = option_setting(
         None,
@@ -77,7 +68,6 @@ class WorldConfig(Settings):
         unit="length",
         people=0.9,
         at_least=0,
-        metavar="LENGTH",
         nothing="unknown",
         shown="0.9 m; unknown in a scene-specific unit, or for scripted targets",
     )
@@ -105,7 +95,6 @@ class FieldConfig(FieldSettings):
         above=0,
         at_most=1e6,
         option="--patience",
-        metavar="SECONDS",
     )
 
 
@@ -116,11 +105,7 @@ class ObserveConfig(Settings):
     OWNER: ClassVar[str] = "observe"
 
     diameter: float = setting(
-        3.33,
-        "Diameter of moving objects as occluders; 0: no occlusion.",
-        unit="length",
-        people=0.5,
-        at_least=0,
+        3.33, "Diameter of moving objects as occluders; 0: no occlusion.", unit="length", people=0.5, at_least=0
     )
     pose_noise: str = option_setting(
         "white",
@@ -158,22 +143,14 @@ class SoundConfig(Settings):
         nothing="never",
     )
     false_alarm_rate: float = option_setting(
-        0.0,
-        "False alarm rate: directions without a source per second and array.",
-        at_least=0,
-        metavar="RATE",
+        0.0, "False alarm rate: directions without a source per second and array.", at_least=0, metavar="RATE"
     )
-    label_doa: bool = option_setting(
-        False,
-        "Write the target ID of each direction, for tests.",
-        shown="unlabelled",
-    )
+    label_doa: bool = option_setting(False, "Write the target ID of each direction, for tests.", shown="unlabelled")
     step_s: float = setting(
         1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
     known_heights: bool = setting(
-        True,
-        "The heights of targets are known, so that directions have elevations. Without, no direction has one.",
+        True, "The heights of targets are known, so that directions have elevations. Without, no direction has one."
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -200,7 +177,6 @@ class ReadConfig(Settings):
         "Received power at 1 m of readers for which the scene states none.",
         unit="dBm",
         option="--read-power",
-        metavar="DBM",
     )
     path_loss_exponent: float = option_setting(EXPONENT, "Exponent of the path loss.", above=0)
     noise_db: float = setting(
@@ -209,26 +185,15 @@ class ReadConfig(Settings):
         unit="dB",
         at_least=0,
         option="--read-noise",
-        metavar="DB",
     )
     shadow_db: float = setting(
-        SHADOW_DB, "Standard deviation of the shadowing.", unit="dB", at_least=0, option="--shadowing", metavar="DB"
+        SHADOW_DB, "Standard deviation of the shadowing.", unit="dB", at_least=0, option="--shadowing"
     )
     shadow_s: float = setting(
-        SHADOW_S,
-        "Correlation time of the shadowing.",
-        unit="s",
-        above=0,
-        option="--shadowing-time",
-        metavar="SECONDS",
+        SHADOW_S, "Correlation time of the shadowing.", unit="s", above=0, option="--shadowing-time"
     )
     min_rssi_dbm: float | None = setting(
-        None,
-        "Sensitivity: weaker signals are not read.",
-        unit="dBm",
-        option="--min-rssi",
-        metavar="DBM",
-        nothing="all are",
+        None, "Sensitivity: weaker signals are not read.", unit="dBm", option="--min-rssi", nothing="all are"
     )
     read_detection_probability: float = option_setting(
         0.95,
@@ -236,9 +201,7 @@ class ReadConfig(Settings):
         **SHARE,
     )
     read_false_alarm_probability: float = option_setting(
-        0.01,
-        "Probability that a polling reader reads a tag out of its range.",
-        **SHARE,
+        0.01, "Probability that a polling reader reads a tag out of its range.", **SHARE
     )
 
 
@@ -263,48 +226,23 @@ class MeasureConfig(Settings):
         nothing="directions alone",
     )
     measure_rate_hz: float | None = setting(
-        None,
-        "Rate of these measurements.",
-        unit="Hz",
-        above=0,
-        option="--measure-rate",
-        metavar="HZ",
-        nothing="at every step",
+        None, "Rate of these measurements.", unit="Hz", above=0, option="--measure-rate", nothing="at every step"
     )
     range_noise: float = option_setting(
-        0.1,
-        "Measurement noise of ranges (standard deviation).",
-        unit="length",
-        people=0.1,
-        above=0,
-        metavar="LENGTH",
+        0.1, "Measurement noise of ranges (standard deviation).", unit="length", people=0.1, above=0
     )
     range_difference_noise: float = option_setting(
-        0.1,
-        "Measurement noise of differences of ranges (standard deviation).",
-        unit="length",
-        people=0.1,
-        above=0,
-        metavar="LENGTH",
+        0.1, "Measurement noise of differences of ranges (standard deviation).", unit="length", people=0.1, above=0
     )
     measure_miss_probability: float = option_setting(0.0, "Probability of a missed measurement.", **SHARE)
     measure_outlier_probability: float = option_setting(
-        0.0,
-        "Probability of an outlier, uniform over the values that are possible in the scene.",
-        **SHARE,
+        0.0, "Probability of an outlier, uniform over the values that are possible in the scene.", **SHARE
     )
     nlos_probability: float = option_setting(
-        0.0,
-        "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.",
-        **SHARE,
+        0.0, "Probability of a non-line-of-sight (NLOS) signal, which makes its range too long.", **SHARE
     )
     nlos_bias: float = option_setting(
-        1.0,
-        "Mean NLOS bias, the excess of such ranges (exponential).",
-        unit="length",
-        people=1.0,
-        above=0,
-        metavar="LENGTH",
+        1.0, "Mean NLOS bias, the excess of such ranges (exponential).", unit="length", people=1.0, above=0
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -333,14 +271,10 @@ class RenderConfig(Settings):
     )
     colour_noise: float = option_setting(1.0, "Image noise per colour channel.", at_least=0, metavar="LEVELS")
     light_drift: float = option_setting(0.03, "Relative amplitude of the light variation.", at_least=0, below=1)
-    light_period_s: float = setting(
-        60.0, "Period of the light variation.", unit="s", above=0, option="--light-period", metavar="SECONDS"
-    )
+    light_period_s: float = setting(60.0, "Period of the light variation.", unit="s", above=0, option="--light-period")
     shadows: bool = setting(True, "Shadows of people on the floor.", option="--shadows/--no-shadows")
     texture: float = option_setting(
-        1.0,
-        "Contrast of tiles, bricks and grain; 0: plain paint, which makes small files.",
-        at_least=0,
+        1.0, "Contrast of tiles, bricks and grain; 0: plain paint, which makes small files.", at_least=0
     )
     identical_clothes: bool = option_setting(
         False,
@@ -348,9 +282,7 @@ class RenderConfig(Settings):
         shown="different clothes",
     )
     two_sided: bool = option_setting(
-        False,
-        "Shirts have another colour at the back: the front colour of the next target.",
-        shown="one colour",
+        False, "Shirts have another colour at the back: the front colour of the next target.", shown="one colour"
     )
     identical_targets: bool = setting(False, "All targets have the clothes and the stature of the first one.")
     min_visibility: float = setting(

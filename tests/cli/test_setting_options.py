@@ -37,7 +37,7 @@ class Lamp(Settings):
 class Siren(Settings):
     OWNER: ClassVar[str] = "siren"
 
-    noise: float = option_setting(2.0, "Of the siren.", at_least=0)
+    noise: float = option_setting(2.0, "Of the siren.", unit="dB", at_least=0)
     tones: tuple[float, ...] | None = option_setting(None, "Heights.", counts=(2,), nothing="one tone")
 
 
@@ -133,3 +133,9 @@ def test_a_default_is_reported_for_metres_and_for_units_of_their_own() -> None:
     assert row.help == "Of the lamp. [default: 1]"
     tones = next(p for p in options_of(Siren) if p.name == "tones")
     assert tones.help == "Heights. [default: one tone]"
+
+
+def test_the_placeholder_of_a_value_is_that_of_its_unit() -> None:
+    ctx = click.Context(both)
+    words = {p.name: p.make_metavar(ctx) for p in [*options_of(Lamp), *options_of(Siren)]}
+    assert (words["noise"], words["tones"]) == ("DB", "TEXT")

@@ -57,7 +57,6 @@ class CompareRequest(Request):
         unit="length",
         above=0,
         at_most=1e9,
-        metavar="LENGTH",
         shown="1 m",
     )
     markdown: Path | None = sink("Also write the table of the comparison as a Markdown file.")

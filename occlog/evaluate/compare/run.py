@@ -280,7 +280,7 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
         unit: unit of lengths.
     """
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
-    if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
+    if run.truth != first.truth and not truth.same_rows(open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(
             f"{run.truth}: differs from {first.truth}, the truth of the first method; give one truth for all "
             f"({option('truth')})",
@@ -310,14 +310,6 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
             f"{in_seconds(b)} s, truth {in_seconds(c)} to {in_seconds(d)} s; check the clocks",
             id="disjoint-inputs",
         )
-
-
-def _same(a: Truth, b: Truth) -> bool:
-    """Return whether two truths have the same rows, in the same order."""
-    if len(a) != len(b):
-        return False
-    columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
-    return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:

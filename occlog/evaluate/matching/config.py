@@ -40,7 +40,6 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
         nothing="1.5 times the usual period of the truth of a target, at least 0.2 s and at most 1 s; for tracks 1 s",
         kinds=(AZIMUTHS, *WORLD),
     )
@@ -59,7 +58,6 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--settling-time",
-        metavar="SECONDS",
         kinds=(GROUND,),
     )
     from_ns: int | None = setting(
@@ -107,7 +105,6 @@ class EvaluateConfig(Settings):
         people={unit: 0.05 / metres for unit, metres in METRES.items()},
         own=0.33,
         option="--process-noise",
-        metavar="LENGTH",
         shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in a scene-specific unit",
         kinds=WORLD,
     )
@@ -119,11 +116,7 @@ class EvaluateConfig(Settings):
         kinds=WORLD,
     )
     sigma_initial_velocity: float = option_setting(
-        1.5,
-        "Prior standard deviation of each velocity component (--motion cv).",
-        unit="length/s",
-        above=0,
-        kinds=WORLD,
+        1.5, "Prior standard deviation of each velocity component (--motion cv).", unit="length/s", above=0, kinds=WORLD
     )
     prior_covariance: tuple[float, float, float] | None = setting(
         None,
@@ -172,7 +165,6 @@ class EvaluateConfig(Settings):
         "Gate: a held-out box within this distance of a track projected into the image counts as predicted.",
         unit="px",
         above=0,
-        metavar="PX",
         kinds=WORLD,
     )
     triangulation_min_sensors: int = option_setting(
@@ -188,15 +180,11 @@ class EvaluateConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--triangulation-window",
-        metavar="SECONDS",
         shown="equal times",
         kinds=WORLD,
     )
     triangulation_loss: str = option_setting(
-        "huber",
-        "Robust loss of the triangulation.",
-        choices=("gauss", "huber", "cauchy"),
-        kinds=WORLD,
+        "huber", "Robust loss of the triangulation.", choices=("gauss", "huber", "cauchy"), kinds=WORLD
     )
     triangulation_tolerance: float | None = option_setting(
         None,

@@ -35,11 +35,7 @@ class MultiTargetConfig(Settings):
         kinds=(IMAGES,),
     )
     distance_gate_px: float | None = option_setting(
-        None,
-        "Distance gate in pixels, instead of --distance-gate.",
-        above=0,
-        metavar="PX",
-        kinds=(IMAGES,),
+        None, "Distance gate in pixels, instead of --distance-gate.", above=0, metavar="PX", kinds=(IMAGES,)
     )
     assigned_target: str = option_setting(
         "id",
@@ -76,7 +72,6 @@ class MultiTargetConfig(Settings):
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         people=1.0,
-        metavar="LENGTH",
         shown="1 m",
         kinds=(GROUND,),
     )
@@ -106,7 +101,6 @@ class MultiTargetConfig(Settings):
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        metavar="LENGTH",
         nothing="cutoff of GOSPA",
         kinds=(GROUND,),
     )
@@ -116,7 +110,6 @@ class MultiTargetConfig(Settings):
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
-        metavar="LENGTH",
         nothing="--match-distance",
         kinds=(GROUND,),
     )
@@ -137,7 +130,6 @@ class MultiTargetConfig(Settings):
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         people=0.5,
-        metavar="LENGTH",
         shown="0.5 m; that of --match-distance in a scene-specific unit",
         kinds=(GROUND,),
     )
@@ -169,11 +161,7 @@ class MultiTargetConfig(Settings):
         kinds=(IMAGES, GROUND),
     )
     first_number: int | None = option_setting(
-        None,
-        "Number of frame 0 in true boxes in XML.",
-        at_least=0,
-        nothing="0",
-        kinds=(IMAGES,),
+        None, "Number of frame 0 in true boxes in XML.", at_least=0, nothing="0", kinds=(IMAGES,)
     )
     frames: tuple[int, int] | None = setting(
         None, "First frame to compare, and the one after the last.", counts=(2,), kinds=(IMAGES,)

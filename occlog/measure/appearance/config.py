@@ -27,7 +27,6 @@ class SightingConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
     )
     heading_window_s: float = setting(
         1.0,
@@ -37,7 +36,6 @@ class SightingConfig(Settings):
         above=0,
         at_most=1e9,
         option="--heading-window",
-        metavar="SECONDS",
     )
     min_speed: float = option_setting(
         0.3,
@@ -52,7 +50,6 @@ class SightingConfig(Settings):
         unit="length",
         people=1.7,
         above=0,
-        metavar="LENGTH",
     )
     iou_threshold: float = option_setting(
         0.3,
@@ -98,10 +95,7 @@ class LearnConfig(SightingConfig):
         metavar="L",
     )
     min_samples: int = option_setting(
-        5,
-        "Minimum number of boxes from which one viewing angle of a target is learned.",
-        at_least=1,
-        metavar="N",
+        5, "Minimum number of boxes from which one viewing angle of a target is learned.", at_least=1, metavar="N"
     )
 
     def rules(self) -> list[tuple[str, bool, str]]:

@@ -21,8 +21,8 @@ from occlog.settings import configure
 
 from .config import LearnConfig, SightingConfig
 from .request import LearnRequest
-from .sightings import FrameBoxes, SightingTally, boxes_of_frames, observe_boxes, paths_of_boxes, paths_of_rows
 from .sightings import PersonPath as Walk
+from .sightings import Sighting, SightingTally, boxes_of_frames, observe_boxes, paths_of_boxes, paths_of_rows
 from .stage import learn
 
 SOURCES = (TruthBoxes, Boxes, Views)
@@ -92,22 +92,33 @@ class SightingInput:
         """Losses recorded in the provenance of the inputs."""
         return input_losses([self._images, self._boxes, self._tracks])
 
-    def boxes(self) -> Iterator[FrameBoxes]:
-        """Generate the boxes frame by frame."""
-        return boxes_of_frames(self._chunks())
+    def sightings(
+        self, job: Job, what: str, config: SightingConfig, levels: int, tally: SightingTally
+    ) -> Iterator[Sighting]:
+        """Generate the sightings of all boxes, frame by frame (`observe_boxes`), with the progress of `what`."""
+        return observe_boxes(
+            job.progress(boxes_of_frames(self._chunks()), what),
+            self._frames(),
+            self._walks(config),
+            self.scene,
+            config,
+            levels=levels,
+            own_identity=self.own_identity,
+            tally=tally,
+        )
 
     def _chunks(self) -> Iterator[Boxes] | Iterator[Views]:
         table = next(t for t in SOURCES if self._boxes.has(t))
         return self._boxes.rows(table)  # type: ignore[return-value]
 
-    def images(self) -> Iterator[Frame]:
+    def _frames(self) -> Iterator[Frame]:
         """Generate the frames sorted by time; empty if no recording has video, as the boxes then have appearances."""
         for opened in (self._images, self._boxes):
             if opened is not None and opened.recording is not None and opened.recording.cameras:
                 return opened.recording.frames()
         return iter(())
 
-    def walks(self, config: SightingConfig) -> dict[int, Walk]:
+    def _walks(self, config: SightingConfig) -> dict[int, Walk]:
         """Paths of all people by identity; InputError if there are none."""
         if self._tracks is None:
             found = paths_of_boxes(self._chunks(), self.scene, config)
@@ -141,17 +152,7 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
     inputs = SightingInput(SightingFiles(boxes, request.recording, request.tracks, request.scene), request.labelled)
     config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), request.settings)
     tally = SightingTally()
-    seen = observe_boxes(
-        job.progress(inputs.boxes(), "learn"),
-        inputs.images(),
-        inputs.walks(config),
-        inputs.scene,
-        config,
-        levels=config.colour_levels,
-        own_identity=inputs.own_identity,
-        tally=tally,
-    )
-    gallery = learn(seen, config)
+    gallery = learn(inputs.sightings(job, "learn", config, config.colour_levels, tally), config)
     if not len(gallery):
         raise InputError(
             f"{boxes}: no person has {config.min_samples} boxes of one viewing angle; {tally.of_tracks} of "

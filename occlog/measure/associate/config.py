@@ -27,7 +27,6 @@ class LabelConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
     )
     keep_unassigned: bool = option_setting(
         False, "Keep unassigned candidates, without a label.", shown="leave them out"

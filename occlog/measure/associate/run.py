@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.open import input_losses, open_in_unit, open_input
 from occlog.measure.appearance.config import MatchConfig
 from occlog.measure.appearance.run import SightingFiles, SightingInput
-from occlog.measure.appearance.sightings import SightingTally, observe_boxes
+from occlog.measure.appearance.sightings import SightingTally
 from occlog.measure.appearance.stage import EvidenceTally, identities, match, renamed, sides_of, tracks_together
 from occlog.records.declared.people import SAME, AppearanceMatches, Gallery
 from occlog.records.losses import Loss
@@ -28,9 +27,6 @@ from occlog.settings import configure
 from .config import LabelConfig, NamingConfig
 from .request import LabelRequest, MatchRequest
 from .stage import Labelled, label
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -116,22 +112,13 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
     sides = sides_of(opened.read(Gallery))
     seen_in = SightingFiles(request.bearings, request.images, request.tracks, request.scene)
     inputs = SightingInput(seen_in, request.labelled)
-    scene, unit = inputs.scene, inputs.scene.length_unit
+    unit = inputs.scene.length_unit
     config: MatchConfig = configure(MatchConfig.in_unit(unit), request.settings)
     tracks = None
     if request.reidentified is not None and request.tracks is not None:
         tracks = open_in_unit(request.tracks, unit, PeopleTracks).read(PeopleTracks)
     tally, decisions, evidence = SightingTally(), DecisionTally(), EvidenceTally()
-    seen = observe_boxes(
-        job.progress(inputs.boxes(), "label"),
-        inputs.images(),
-        inputs.walks(config),
-        scene,
-        config,
-        levels=sides.levels,
-        own_identity=inputs.own_identity,
-        tally=tally,
-    )
+    seen = inputs.sightings(job, "label", config, sides.levels, tally)
     parameters = {
         "positions": inputs.positions,
         "labelled": inputs.own_identity,

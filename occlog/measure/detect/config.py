@@ -102,12 +102,7 @@ class DetectConfig(Settings):
         nothing="so that people stay 100 px wide",
     )
     person_height: float | None = option_setting(
-        None,
-        "Height of a person, for the expected size of regions.",
-        unit="length",
-        above=0,
-        metavar="LENGTH",
-        nothing="1.7 m",
+        None, "Height of a person, for the expected size of regions.", unit="length", above=0, nothing="1.7 m"
     )
     person_height_px: float | None = option_setting(
         None,
@@ -115,7 +110,6 @@ class DetectConfig(Settings):
         "without a calibration.",
         unit="px",
         above=0,
-        metavar="PX",
         nothing="from the poses",
     )
     min_similarity: float = option_setting(
@@ -129,7 +123,6 @@ class DetectConfig(Settings):
         "Measurement noise: standard deviation of the horizontal centre of an unoccluded person.",
         unit="px",
         above=0,
-        metavar="PX",
         nothing="a tenth of its width, and the camera's noise",
     )
     sigma_scale: float = option_setting(
@@ -146,9 +139,7 @@ class DetectConfig(Settings):
         at_most=1,
     )
     feedback_gate: float = option_setting(
-        3.0,
-        "Gate in standard deviations about the predicted direction of a target; with --track-feedback.",
-        above=0,
+        3.0, "Gate in standard deviations about the predicted direction of a target; with --track-feedback.", above=0
     )
     label_scope: str | None = option_setting(
         None,

@@ -43,7 +43,6 @@ class DoaConfig(Settings):
         above=0,
         at_most=60,
         option="--frame",
-        metavar="SECONDS",
     )
     hop_s: float | None = setting(
         None,
@@ -52,7 +51,6 @@ class DoaConfig(Settings):
         at_least=1e-3,
         below=1e9,
         option="--hop",
-        metavar="SECONDS",
         nothing="the frame's length",
     )
     window_s: float = setting(
@@ -62,7 +60,6 @@ class DoaConfig(Settings):
         above=0,
         at_most=MAX_WINDOW_S,
         option="--window",
-        metavar="SECONDS",
     )
     max_sources: int = setting(1, "Maximum number of directions per frame; 0: all peaks.", at_least=0, at_most=100)
     grid_deg: float | None = setting(
@@ -72,7 +69,6 @@ class DoaConfig(Settings):
         at_least=0.2,
         at_most=30,
         option="--grid",
-        metavar="DEGREES",
         nothing="1 to 5 deg, from the array's size",
     )
     min_separation_deg: float = setting(
@@ -82,7 +78,6 @@ class DoaConfig(Settings):
         at_least=0,
         at_most=180,
         option="--min-separation",
-        metavar="DEGREES",
     )
     min_peak: float = option_setting(
         0.6,
@@ -105,7 +100,6 @@ class DoaConfig(Settings):
         at_least=-400,
         at_most=400,
         option="--min-level",
-        metavar="DB",
     )
     min_snr_db: float | None = setting(
         None,
@@ -114,7 +108,6 @@ class DoaConfig(Settings):
         above=0,
         below=1e9,
         option="--min-snr",
-        metavar="DB",
         nothing="no such limit",
     )
     speed_of_sound: float | None = option_setting(

@@ -31,7 +31,6 @@ class EpipolarConfig(Settings):
         unit="px",
         above=0,
         option="--inlier-threshold",
-        metavar="PX",
     )
     max_epipolar_error_px: float = setting(
         5.0,
@@ -39,5 +38,4 @@ class EpipolarConfig(Settings):
         unit="px",
         above=0,
         option="--max-epipolar-error",
-        metavar="PX",
     )

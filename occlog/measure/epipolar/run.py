@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.fundamental_matrices import (
@@ -20,6 +19,8 @@ from occlog.io.open import is_recording_name, load_scene, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.declared.views import ViewTracks
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import PointMatches, ViewPair, ViewPairs
 from occlog.runner import Job
@@ -27,10 +28,6 @@ from occlog.runner import Job
 from .config import EpipolarConfig
 from .request import EpipolarRequest
 from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs, matches_of_tracks
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
 
 
 def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

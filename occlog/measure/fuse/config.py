@@ -24,29 +24,18 @@ class FuseConfig(Settings):
         unit="length",
         above=0,
         people={"m": 0.5, "ft": 1.6, "in": 20.0},
-        metavar="LENGTH",
     )
     miss_probability: float = option_setting(
-        0.2,
-        "Probability of a missed detection, unless the scene states it ([Lee] P_M).",
-        above=0,
-        below=1,
+        0.2, "Probability of a missed detection, unless the scene states it ([Lee] P_M).", above=0, below=1
     )
     false_alarm_probability: float = option_setting(
-        0.2,
-        "Probability of a false alarm, unless the scene states it ([Lee] P_F).",
-        above=0,
-        below=1,
+        0.2, "Probability of a false alarm, unless the scene states it ([Lee] P_F).", above=0, below=1
     )
     detection_gate: float = option_setting(
-        4.0,
-        "Gate in standard deviations: a detection farther from the prediction counts as missed.",
-        above=0,
+        4.0, "Gate in standard deviations: a detection farther from the prediction counts as missed.", above=0
     )
     gate: float = option_setting(
-        3.0,
-        "Gate in standard deviations: a detection farther from the fused position is removed.",
-        above=0,
+        3.0, "Gate in standard deviations: a detection farther from the fused position is removed.", above=0
     )
     max_coasting_steps: int = option_setting(
         5,
@@ -60,7 +49,6 @@ class FuseConfig(Settings):
         unit="s",
         at_least=0,
         option="--window",
-        metavar="SECONDS",
         shown="equal times",
     )
     min_triangulation_angle_deg: float = setting(
@@ -90,6 +78,5 @@ class FuseConfig(Settings):
         unit="length",
         above=0,
         people=PERSON_HEIGHT,
-        metavar="LENGTH",
         shown="1.7 m",
     )

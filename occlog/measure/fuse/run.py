@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from occlog import console
 from occlog.consistency.verdict import MIN_SAMPLES, exceeds_share
 from occlog.errors import UsageError, option
 from occlog.io.open import open_input
 from occlog.records.frames import skipped_frames_of
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Views
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
@@ -23,10 +24,6 @@ from .request import FuseRequest
 from .rows import in_step
 from .stage import FusedPart, fuse
 from .views import placed_cameras
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
 
 AGREE = "camera agreement"
 """Name of the check."""

@@ -28,17 +28,11 @@ class PositionPriorConfig(Settings):
         unit="length",
         at_least=0,
         people=0.3,
-        metavar="LENGTH",
         shown="0.3 m, or 8 in a scene-specific unit; 0 for --measured tracks, added to their own covariance",
     )
     process_noise_velocity: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--process-noise")
     max_coasting_s: float = setting(
-        2.0,
-        "Omit objects that are not measured for this long.",
-        unit="s",
-        above=0,
-        option="--max-coasting",
-        metavar="SECONDS",
+        2.0, "Omit objects that are not measured for this long.", unit="s", above=0, option="--max-coasting"
     )
 
 
@@ -63,12 +57,7 @@ class HullConfig(Settings):
         metavar="RADIANS",
     )
     min_area: float = option_setting(
-        1.0,
-        "Minimum area of a polygon.",
-        unit="length^2",
-        at_least=0,
-        people=0.02,
-        metavar="AREA",
+        1.0, "Minimum area of a polygon.", unit="length^2", at_least=0, people=0.02, metavar="AREA"
     )
     confirmation_time_s: float = setting(
         0.2,
@@ -77,7 +66,6 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--confirmation-time",
-        metavar="SECONDS",
     )
     evidence_memory_s: float = setting(
         2.0,
@@ -87,7 +75,6 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--evidence-memory",
-        metavar="SECONDS",
     )
     deletion_time_s: float = setting(
         0.5,
@@ -103,22 +90,14 @@ class HullConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--coasting",
-        metavar="SECONDS",
     )
     max_speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
     max_jump: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
     window_s: float = setting(
-        0.0,
-        "Frames closer together in time are one time step.",
-        unit="s",
-        at_least=0,
-        option="--window",
-        metavar="SECONDS",
+        0.0, "Frames closer together in time are one time step.", unit="s", at_least=0, option="--window"
     )
     exclude_targets: bool = setting(
-        True,
-        "Omit clusters that are labelled as a target.",
-        option="--exclude-targets/--include-targets",
+        True, "Omit clusters that are labelled as a target.", option="--exclude-targets/--include-targets"
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
@@ -150,23 +129,12 @@ class AcousticConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--confirmation-time",
-        metavar="SECONDS",
     )
     max_coasting_s: float = setting(
-        2.0,
-        "Omit sources that are not detected for this long.",
-        unit="s",
-        at_least=0,
-        option="--max-coasting",
-        metavar="SECONDS",
+        2.0, "Omit sources that are not detected for this long.", unit="s", at_least=0, option="--max-coasting"
     )
     window_s: float = setting(
-        0.0,
-        "Directions closer together in time are one time step.",
-        unit="s",
-        at_least=0,
-        option="--window",
-        metavar="SECONDS",
+        0.0, "Directions closer together in time are one time step.", unit="s", at_least=0, option="--window"
     )
     min_triangulation_angle: float = setting(
         0.1, "Minimum triangulation angle: directions at smaller angles give no position.", unit="rad", at_least=0

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from occlog.errors import InputError, UsageError, option
 from occlog.io.open import check_unit, input_losses, load_scene, open_input
 from occlog.records.columns import ColumnTable
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Doa, Occluders, Tracks, Truth, Views
 from occlog.runner import Job
 from occlog.scans.grouping import nearest
@@ -23,13 +25,9 @@ from .from_sound import acoustic_priors
 from .from_views import hull_priors
 from .request import AcousticRequest, HullRequest, KalmanRequest
 
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
-
 T = TypeVar("T", bound=ColumnTable)
 S = TypeVar("S", Views, Bearings)
-Result = tuple[dict[str, object], tuple["Loss", ...]]
+Result = tuple[dict[str, object], tuple[Loss, ...]]
 
 
 class TableStream:

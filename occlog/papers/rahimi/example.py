@@ -165,8 +165,7 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
         rows = false & (bearings.sensor == camera.name)
         bearing[rows] = u_to_azimuth(u[rows], camera.yaw, FOCAL_PX)
         sigma[rows] = READ_PX / (FOCAL_PX * (1.0 + (u[rows] / FOCAL_PX) ** 2))
-    columns = {c.name: getattr(bearings, c.name) for c in Bearings.columns()}
-    return Bearings(**(columns | {"u_px": u, "bearing": bearing, "sigma": sigma}))
+    return bearings.with_columns(u_px=u, bearing=bearing, sigma=sigma)
 
 
 @functools.lru_cache(maxsize=8)

@@ -19,17 +19,26 @@ import numpy as np
 from occlog.console.text import counted
 from occlog.core.geometry.camera import is_upright, looks_away, other_up_axis
 from occlog.errors import InputError, OcclogError
+from occlog.ingest.plan import ANNOTATIONS, IMAGES
 from occlog.ingest.scene import Turn
 from occlog.io.files.names import match_sensor
 from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.files.timing.times import TIME_COLUMNS
+from occlog.io.formats.boxes.columns import COLUMNS
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, classes_in, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
+from occlog.io.formats.scenes.stations import NAMES
+from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import columns_of_reads, read_readers
 from occlog.io.formats.truth import frames_of_positions
 from occlog.io.frames.streams import are_times, list_images, video_times
+from occlog.io.open import open_if_ours, scene_in
 from occlog.io.recognition import FileKind, read_sequence_info
+from occlog.records.declared.sensors import VALUES
 from occlog.records.scene import HEIGHT_SLACK
+from occlog.records.tables import Bearings, Boxes, Doa, Reads, Truth, TruthBoxes
+from occlog.settings import read_pair
 
 from .survey import THUMBNAILS, Item, Survey, shown
 
@@ -192,9 +201,7 @@ def _annotated(made: Choices) -> bool:
 
 
 def _of_recording(made: Choices) -> None:
-    from occlog.io.open import scene_in
     from occlog.io.recording.reader import open_recording
-    from occlog.records.tables import Bearings, Boxes, Doa, Reads, Truth, TruthBoxes
 
     item = made.only(made.found.of(FileKind.RECORDING), "recording")
     made.put("", "recording", item.path)
@@ -239,8 +246,6 @@ def _of_bag(made: Choices) -> None:
 
 
 def _of_dataset(made: Choices, folder: Path) -> None:
-    from occlog.ingest.plan import ANNOTATIONS, IMAGES
-
     if not (folder / IMAGES).is_dir() and not made.has("ingest", "boxes"):
         if not made.found.of(FileKind.BOXES):
             made.put("ingest", "boxes", [folder / ANNOTATIONS])
@@ -263,7 +268,7 @@ def _of_cameras(made: Choices) -> None:
     groups = _calibrations(made)
     names = list(dict.fromkeys([*(i.name for i in found.of(FileKind.VIDEO, FileKind.IMAGES)), *opened.cameras]))
     _check_doubles(made, opened)
-    calibration = _choose_calibration(made, groups, names, {i.path: i for i in found.items})
+    calibration = _choose_calibration(made, groups, names)
     scene = _put_scene(made, "ingest")
     renamed = _match(made, calibration, names, scene)
     for kind in (FileKind.VIDEO, FileKind.IMAGES):
@@ -309,8 +314,6 @@ def _put_positions(made: Choices) -> bool:
 
 
 def _times() -> set[str]:
-    from occlog.io.files.timing.times import TIME_COLUMNS
-
     return {name for names in TIME_COLUMNS.values() for name in names}
 
 
@@ -431,7 +434,7 @@ class OpenedCalibration(NamedTuple):
 def _calibration_items(made: Choices) -> list[Item]:
     """Return the files that together are the calibration of a bag's cameras; empty without one."""
     groups = _calibrations(made)
-    chosen = _choose_calibration(made, groups, [], {})
+    chosen = _choose_calibration(made, groups, [])
     return [] if chosen is None else list(chosen.items)
 
 
@@ -471,13 +474,11 @@ def _calibrations(made: Choices) -> list[OpenedCalibration]:
 
 
 def _size(value: object) -> tuple[int, int] | None:
-    from occlog.settings import read_pair
-
     return None if value is None else read_pair("x".join(_texts(value)), True)
 
 
 def _choose_calibration(
-    made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str], _items: Mapping[Path, Item]
+    made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str]
 ) -> OpenedCalibration | None:
     """Return a calibration that the user states, or the one with most of the cameras `names`; the others are dropped.
 
@@ -659,8 +660,6 @@ def _put_scene(made: Choices, stage: str) -> bool:
     scenes = made.found.of(FileKind.SCENE)
     if not scenes or made.has(stage, "scene"):
         return made.has(stage, "scene")
-    from occlog.io.open import scene_in
-
     item = made.only(scenes, "scene")
     made.guess(stage, "scene", item.path, f"scene: {made.shown(item.path)}")
     scene = scene_in(item.path)
@@ -767,8 +766,6 @@ def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, camer
 
 def _names_cameras(path: Path) -> bool:
     """Return whether a path is a folder, or a table with a column of cameras."""
-    from occlog.io.formats.boxes.columns import COLUMNS
-
     try:
         return path.is_dir() or bool({c.lower() for c in first_line(path, "a table")} & set(COLUMNS["camera"]))
     except InputError:
@@ -876,8 +873,6 @@ def _put_sound(made: Choices) -> None:
 
 def _has_sensors(item: Item) -> bool:
     """Return whether a log of directions names the sensor of each row."""
-    from occlog.io.formats.scenes.stations import NAMES
-
     if "odas" in item.words or "frida" in item.words:
         return False
     if "telemetr" in item.words:
@@ -887,9 +882,6 @@ def _has_sensors(item: Item) -> bool:
 
 def _array_names(made: Choices, tables: Sequence[Item]) -> list[str]:
     """Return the names of the microphone arrays in the tables and in the scene, without duplicates."""
-    from occlog.io.formats.sound.formats import read_arrays
-    from occlog.io.open import scene_in
-
     names = [array.name for item in tables for array in read_arrays(item.path, None)]
     for item in made.found.of(FileKind.SCENE):
         scene = scene_in(item.path)
@@ -965,9 +957,6 @@ def _of_table(made: Choices) -> None:
 
 def _need_deviations(made: Choices, item: Item) -> None:
     """Raise InputError for a column of an external table of measurements without a standard deviation."""
-    from occlog.io.open import open_if_ours
-    from occlog.records.declared.sensors import VALUES
-
     opened = open_if_ours(item.path)
     if opened is None or opened.external_table is None or opened.table != "measurements":
         return

@@ -20,7 +20,6 @@ class RunComparisonConfig(Settings):
         unit="length",
         above=0,
         people=1.0,
-        metavar="LENGTH",
         shown="1 m",
     )
     divergence_distance: float | None = option_setting(
@@ -29,7 +28,6 @@ class RunComparisonConfig(Settings):
         unit="length",
         above=0,
         people=0.5,
-        metavar="LENGTH",
         shown="0.5 m",
     )
     min_duration_s: float = setting(
@@ -39,5 +37,4 @@ class RunComparisonConfig(Settings):
         at_most=1e9,
         at_least=0,
         option="--min-duration",
-        metavar="SECONDS",
     )

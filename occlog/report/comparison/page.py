@@ -17,7 +17,6 @@ from occlog.report.request import RunComparisonRequest
 
 from . import words
 from .matching.divergences import RunComparisonStep
-from .matching.pairs import MatchedRuns
 from .plots import MAX_LIVES, PersonLifeline, beside_replay, draw_errors, draw_lives
 from .words import Cell, RunComparisonPage
 
@@ -88,10 +87,10 @@ def _lives(found: RunComparisonPage) -> Plot | None:
     """Figure of matched tracks over time: people with changing tracks, or else all, as many as fit."""
     truth = found.against_truth
     if truth is not None:
-        names = _whose(truth.a, truth.b)
+        names = words.whose(truth.a, truth.b)
         lives = [PersonLifeline(f"person {k}", truth.a.of(k), truth.b.of(k)) for k in names]
     else:
-        lives = [PersonLifeline(f"A {k}", (), found.in_b.of(k)) for k in _whose(found.in_b)]
+        lives = [PersonLifeline(f"A {k}", (), found.in_b.of(k)) for k in words.whose(found.in_b)]
     changing = [life for life in lives if any(len({p.track for p in part}) > 1 for part in (life.a, life.b))]
     shown = (changing or lives)[:MAX_LIVES]
     if not shown:
@@ -104,10 +103,6 @@ def _lives(found: RunComparisonPage) -> Plot | None:
     )
     size = (WIDTH, 1.0 + 0.42 * len(shown))
     return plot("lives", "Matched tracks", caption.strip(), size, lambda f: draw_lives(f, found.time, shown))
-
-
-def _whose(*followed: MatchedRuns) -> list[int]:
-    return sorted({piece.who for each in followed for piece in each.pieces})
 
 
 def build_markdown(found: RunComparisonPage) -> str:

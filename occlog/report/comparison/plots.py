@@ -22,7 +22,7 @@ from occlog.report.content.downsampled import MAX_SHOWN, MAX_TIME_STEPS
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing import COLOURS, Style, label, sensible_top, target_colour
 from occlog.report.plots.floorplan import plan_limits
-from occlog.report.plots.over_time import line
+from occlog.report.plots.over_time import along_time, line
 from occlog.report.replay.build import MAX_BOXES, MAX_EVENTS, Layer, plan_values, safe_json
 from occlog.report.replay.steps import MISSING, ReplaySteps, packed
 
@@ -84,8 +84,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
     missed.set_ylim(bottom=0.0, top=max(1.0, 1.1 * float(max(found.missed_a.max(), found.missed_b.max()))))
     missed.set_ylabel("not found")
     missed.yaxis.get_major_locator().set_params(integer=True)
-    missed.set_xlim(0.0, max(time.length, 1e-9))
-    missed.set_xlabel(time.label)
+    along_time(missed, time)
     figure.legend(*errors.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
@@ -102,8 +101,7 @@ def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifelin
     axes.set_ylim(-len(lives) + 0.4, 0.6)
     axes.grid(visible=False, axis="y")
     axes.spines["left"].set_visible(False)
-    axes.set_xlim(0.0, max(time.length, 1e-9))
-    axes.set_xlabel(time.label)
+    along_time(axes, time)
     mark = Line2D([], [], linestyle="", marker="|", color=COLOURS["ink"], label="another track from here on")
     figure.legend(handles=[mark], loc="outside lower center")
 

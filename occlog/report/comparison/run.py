@@ -35,7 +35,6 @@ from .stage import (
     notes_on_truth,
     recordings_of,
     same_room,
-    same_rows,
 )
 from .words import RunComparisonPage, RunSide, TruthComparison, lengths_of
 
@@ -144,7 +143,7 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
         elif not opened.has(Truth):
             continue
         truth = opened.read(Truth)
-        if first is not None and not same_rows(truth, first[1]):
+        if first is not None and not truth.same_rows(first[1]):
             raise InputError(
                 f"{path}: differs from {first[0]}, the truth of the other run; name two runs of one recording, or "
                 f"give one truth for both ({option('truth')})",
@@ -228,7 +227,7 @@ def align_runs(
         in_b=in_b,
         in_a=in_a,
         against_truth=against,
-        same=same_rows(a.tracks, b.tracks),
+        same=a.tracks.same_rows(b.tracks),
         notes=(
             *notes_on_time(a.tracks, b.tracks, truth=truth is not None),
             *notes_on_recordings(*(recordings_of(_made(run)) for run in (a, b))),

@@ -13,7 +13,6 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import MultiTargetConfig
 from occlog.evaluate.mot.figures import RULES
 from occlog.evaluate.mot.on_ground import points_in_true_frames, times_of
-from occlog.records.columns import ColumnTable
 from occlog.records.scene import Scene
 from occlog.records.tables import Tracks, Truth
 from occlog.report.content.model import TimeAxis
@@ -23,14 +22,6 @@ from .matching.pairs import EACH_FRAME, MatchedRuns, tracks_by_target
 
 MOVED = 1e-6
 """Sensors that are farther than this share of a unit of length from their former positions count as moved."""
-
-
-def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
-    """Return whether two tables have the same rows in the same order; NaN equals NaN."""
-    if len(a) != len(b):
-        return False
-    columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())
-    return all(np.array_equal(x, y, equal_nan=x.dtype.kind == "f") for x, y in columns)
 
 
 def matched_by_truth(

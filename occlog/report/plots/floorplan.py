@@ -313,6 +313,11 @@ def plan_limits(data: ReportInput) -> Floats:
         points.append(_ahead(data.scene))
     if not points:
         return np.array([[0.0, 0.0], [1.0, 1.0]])
+    return limits_of(points)
+
+
+def limits_of(points: list[Floats]) -> Floats:
+    """Return the (2, 2) lower and upper corner of a plan of points, arrays (n, 2), with a margin."""
     everything = np.vstack(points)
     low, high = everything.min(axis=0), everything.max(axis=0)
     # A path along a line still gets a plan that is not a line.

@@ -57,11 +57,16 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     _distance(total, data, target, errors=errors, bound=bound, colour=colour, buckets=buckets)
     for axes, name in zip(rest, names, strict=True):
         _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour, buckets=buckets)
-    rest[-1].set_xlabel(data.time.label)
-    rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
+    along_time(rest[-1], data.time)
     handles, labels = total.get_legend_handles_labels()
     more_handles, more_labels = rest[0].get_legend_handles_labels()
     figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
+
+
+def along_time(axes: Axes, time: TimeAxis) -> None:
+    """Let the abscissa be the whole time axis."""
+    axes.set_xlim(0.0, max(time.length, 1e-9))
+    axes.set_xlabel(time.label)
 
 
 def of_target(table: T, target: int) -> T:
@@ -254,11 +259,7 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
         _deviation(axes, data)
         _finish(figure, axes, data)
         return
-    targets = np.unique(diagnostics.target_id)
-    for i, target in enumerate(targets[:MAX_PLOTTED_TARGETS]):
-        own = diagnostics.take(diagnostics.target_id == target)
-        name = f"target {target}" if len(targets) > 1 else "effective sample size"
-        line(axes, data.time, own.t_ns, own.ess, color=target_colour(i), linewidth=0.9, label=name)
+    _each_target(axes, data, diagnostics, diagnostics.ess, "effective sample size")
     _scale(axes, float(diagnostics.ess.min()), float(diagnostics.ess.max()))
     axes.set_ylabel("effective sample size")
     _finish(figure, axes, data)
@@ -269,20 +270,24 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
     tracks = data.tracks
     if tracks is None:
         return
-    targets = np.unique(tracks.target_id)
-    for i, target in enumerate(targets[:MAX_PLOTTED_TARGETS]):
-        own = tracks.take(tracks.target_id == target)
-        name = f"target {target}" if len(targets) > 1 else "standard deviation of the position"
-        line(axes, data.time, own.t_ns, deviation(own), color=target_colour(i), linewidth=0.9, label=name)
+    _each_target(axes, data, tracks, deviation(tracks), "standard deviation of the position")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel(f"standard deviation [{data.unit}]")
+
+
+def _each_target(axes: Axes, data: ReportInput, table: Tracks | Diagnostics, values: Floats, alone: str) -> None:
+    """Draw a line for each of the first targets of a table; `alone`: its name where there is no other target."""
+    targets = np.unique(table.target_id)
+    for i, target in enumerate(targets[:MAX_PLOTTED_TARGETS]):
+        own = table.target_id == target
+        name = f"target {target}" if len(targets) > 1 else alone
+        line(axes, data.time, table.t_ns[own], values[own], color=target_colour(i), linewidth=0.9, label=name)
 
 
 def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
     """Add marks of fallbacks, time axis and legend to a plot of the filter."""
     _fallbacks(axes, data)
-    axes.set_xlabel(data.time.label)
-    axes.set_xlim(0.0, max(data.time.length, 1e-9))
+    along_time(axes, data.time)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
@@ -330,8 +335,7 @@ def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
     else:
         below = figure.add_subplot()
     handles += _residuals(below, data, data.residuals[target].drawn)
-    below.set_xlabel(data.time.label)
-    below.set_xlim(0.0, max(data.time.length, 1e-9))
+    along_time(below, data.time)
     if handles:
         figure.legend(handles=handles[:20], loc="outside lower center", ncols=min(len(handles), 6))
 
@@ -397,14 +401,10 @@ def draw_visibility(
     figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
     """Draw a row for each of the first `most` sensors: when it detected the target; the first sensor is on top."""
-    axes = figure.add_subplot()
     names = sensors(data)[:most]
     cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
     rows = [coarser(coverage.sightings(name, target), cells) for name in names]
-    draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
-    kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
-    handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    _draw_rows(figure, data.time, rows, names, ("target seen", "frame, target not seen", "no frame"))
 
 
 def coarser(found: SensorSightings, most: int) -> SensorSightings:
@@ -417,16 +417,24 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
     return replace(found, edges=np.append(found.edges[first], found.edges[-1]), observed=observed, seen=seen)
 
 
-def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
-    """Draw a bar for each sensor over time, with its name and its share of detections; the first sensor is on top."""
+def _draw_rows(
+    figure: FigureBase, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str], words: Sequence[str]
+) -> None:
+    """Draw a bar for each sensor over time, with its name and its share of detections; the first sensor is on top.
+
+    `words`: legend of the parts of a bar: detected, not detected, no frame.
+    """
+    axes = figure.add_subplot()
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
         kind = "any" if found.any_object else "seen"
         shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {kind}")
     label_rows(axes, names, shares)
-    axes.set_xlim(0.0, max(time.length, 1e-9))
-    axes.set_xlabel(time.label)
+    along_time(axes, time)
+    parts = zip(("seen", "hidden", "absent"), words, strict=True)
+    handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in parts]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
 def _percent(share: float) -> str:
@@ -439,7 +447,7 @@ def _percent(share: float) -> str:
 def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
     """Write the names of rows on the left and texts (`shares`) on the right of a plot; the first row is on top."""
     ticks = [-float(i) for i in range(len(names))]
-    axes.set_yticks(ticks, names)
+    axes.set_yticks(ticks, [label(n, 18) for n in names])
     axes.set_ylim(-len(names) + 1 - 0.6, 0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(False)
@@ -495,24 +503,16 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
     below.set_ylabel("identity")
     below.grid(False)
     below.spines["left"].set_visible(False)
-    below.set_xlim(0.0, max(data.time.length, 1e-9))
-    below.set_xlabel(data.time.label)
+    along_time(below, data.time)
     figure.legend(handles=_legend(data, events), loc="outside lower center", ncols=4)
 
 
 def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics) -> None:
     """Draw for each camera, over time, the share of the people that it has a box of."""
     names = found.cameras[:MAX_SENSORS]
-    axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
-    draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
-    kinds = (
-        ("seen", "share of the people there that it sees"),
-        ("hidden", "the others"),
-        ("absent", "no person present"),
-    )
-    handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    words = ("share of the people there that it sees", "the others", "no person present")
+    _draw_rows(figure, data.time, rows, names, words)
 
 
 def _counts(axes: Axes, data: ReportInput, found: PeopleCount) -> None:
@@ -580,9 +580,8 @@ def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> 
         on = np.array([name in cameras for cameras in found.chosen], dtype=np.bool_)
         _bars(axes, data, found.times, on, -float(row))
         shares.append(f"{100 * found.shares.get(name, 0.0):.0f} %")
-    label_rows(axes, [label(n, 18) for n in names], shares)
-    axes.set_xlim(0.0, max(data.time.length, 1e-9))
-    axes.set_xlabel(data.time.label)
+    label_rows(axes, names, shares)
+    along_time(axes, data.time)
 
 
 def _bars(axes: Axes, data: ReportInput, times: Ints, on: Bools, y: float) -> None:

@@ -26,13 +26,9 @@ class BallsConfig(Settings):
     width: int = setting(320, "Width of the images.", unit="px", at_least=16, at_most=8192)
     height: int = setting(240, "Height of the images.", unit="px", at_least=16, at_most=8192)
     balls: int = option_setting(6, "Number of balls.", at_least=1)
-    radius: float = option_setting(22.0, "Radius of the balls.", unit="px", at_least=0.5, metavar="PX")
+    radius: float = option_setting(22.0, "Radius of the balls.", unit="px", at_least=0.5)
     ball_speed: float = option_setting(
-        3.0,
-        "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.",
-        unit="px",
-        at_least=0,
-        metavar="PX",
+        3.0, "Mean displacement of a ball per frame, in space; balls have 0.5 to 1.5 times this.", unit="px", at_least=0
     )
     spin: float = option_setting(0.05, "Rotation of a ball per frame.", unit="rad", at_least=0, metavar="RAD")
     views: int = option_setting(
@@ -46,7 +42,6 @@ class BallsConfig(Settings):
         "Distance of the cameras from the centre of the box. Near cameras see sizes change.",
         unit="px",
         at_least=1,
-        metavar="PX",
     )
     start_separated: bool = setting(
         True, "Start without occlusions of balls in the first frame.", option="--separated/--overlapping"
@@ -60,10 +55,7 @@ class BallsConfig(Settings):
         metavar="LEVELS",
     )
     colour_noise: float = option_setting(
-        1.0,
-        "Image noise per colour channel: standard deviation in grey levels of 255.",
-        at_least=0,
-        metavar="LEVELS",
+        1.0, "Image noise per colour channel: standard deviation in grey levels of 255.", at_least=0, metavar="LEVELS"
     )
     background_clutter: int = option_setting(6, "Background patches in the colours of the balls, per view.", at_least=0)
     ball_motion: str = option_setting(
@@ -77,7 +69,6 @@ class BallsConfig(Settings):
         "Manoeuvring balls: standard deviation of the velocity change per frame, along each axis.",
         unit="px",
         at_least=0,
-        metavar="PX",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

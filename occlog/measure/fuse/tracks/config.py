@@ -27,7 +27,6 @@ class TrackFusionConfig(Settings):
         unit="length",
         at_least=0,
         people=0.1,
-        metavar="LENGTH",
     )
     comparison_window_s: float = setting(
         2.0, "Time over which two tracks are compared, half of it before and half after.", unit="s", above=0
@@ -41,6 +40,5 @@ class TrackFusionConfig(Settings):
         unit="s",
         at_least=0,
         option="--window",
-        metavar="SECONDS",
         nothing="just under half the shortest period",
     )

@@ -290,9 +290,9 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
             has_word(mine.quality_flags, INCONSISTENT_VIEWS) | too_far,
         ]
     )
-    columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
-    reported = {"seen_by": np.array(seen_by, dtype=np.str_), "quality_flags": words_of(doubted, DOUBTS)}
-    return JoinedTracks(**{**columns, **reported})
+    return mine.with_columns(
+        **values, seen_by=np.array(seen_by, dtype=np.str_), quality_flags=words_of(doubted, DOUBTS)
+    )
 
 
 def _means(tracks: PeopleTracks) -> Floats:

@@ -166,41 +166,6 @@ MOST_CAMERAS = 16
 """Largest number of cameras of the forms with subsets, of which there are 2^16."""
 
 
-def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by [Ercan] Eqs. 8-9.
-
-    Args:
-        q: (L, N, M) probabilities that occluder j hides a position from camera i, by `blocking_all`.
-        eta: (N,) mask of the cameras that see the position.
-        floor: least value of the result, >= 0.
-    """
-    return pattern(seen_by_recursion(q), eta, floor)
-
-
-def independent(q: Floats, eta: Bools) -> Floats:
-    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, if cameras were independent.
-
-    `q` (L, N, M) are the probabilities that occluder j hides a position from camera i, `eta` (N,) the mask.
-    """
-    seen = np.prod(1.0 - q, axis=2)
-    return np.asarray(np.prod(np.where(eta, seen, 1.0 - seen), axis=1), dtype=np.float64)
-
-
-def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by the exact p_Q of all subsets.
-
-    Overlaps of the cameras' rectangles are taken into account.
-
-    Args:
-        xy: (L, 2) positions.
-        cameras: (N, 2) ground positions of the cameras.
-        priors: priors of the occluders.
-        eta: (N,) mask of the cameras that see the position.
-        floor: least value of the result, >= 0; rounding alone may give -1e-16.
-    """
-    return pattern(seen_exactly(xy, cameras, priors), eta, floor)
-
-
 def seen_by_recursion(q: Floats) -> Floats:
     """(L, 2^N) p_Q of [Ercan] Eq. 8: probability that all cameras of a subset Q see a position, from q (L, N, M).
 
@@ -228,24 +193,6 @@ def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
     )
 
 
-def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta): probability that exactly the cameras of `eta` see a position, from p_Q by [Ercan] Eq. 9.
-
-    Args:
-        seen: (L, 2^N) p_Q: probability that all cameras of the subset Q see it, by the subset's number.
-        eta: (N,) mask of the cameras that see the position.
-        floor: least value returned.
-    """
-    base, hidden = _number(eta), _number(~np.asarray(eta, dtype=np.bool_))
-    total = np.zeros(len(seen))
-    H = hidden
-    while True:
-        total += seen[:, base | H] if H.bit_count() % 2 == 0 else -seen[:, base | H]
-        if H == 0:
-            return np.maximum(total, floor)
-        H = (H - 1) & hidden
-
-
 def patterns(seen: Floats) -> Floats:
     """(L, 2^N) p(eta): probabilities of all patterns eta of cameras that see a position; column = sum of eta_i 2^i.
 
@@ -270,9 +217,15 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
     return out
 
 
-def _number(eta: Bools) -> int:
-    """Number of a subset of cameras: bit i is set if `eta` (N,) is True at i."""
-    return sum(1 << i for i, one in enumerate(eta) if one)
+def independent(q: Floats) -> Floats:
+    """(L, 2^N) p(eta) of all patterns eta of seeing cameras, if cameras were independent; column = sum of eta_i 2^i.
+
+    `q` (L, N, M) are the probabilities that occluder j hides a position from camera i.
+    """
+    seen, out = np.prod(1.0 - q, axis=2), np.ones((len(q), 1))
+    for i in range(seen.shape[1]):  # camera i is bit i of the column
+        out = np.concatenate([out * (1.0 - seen[:, i : i + 1]), out * seen[:, i : i + 1]], axis=1)
+    return out
 
 
 def _check(cameras: int) -> None:

@@ -28,7 +28,7 @@ from occlog.papers.verdicts import (
 )
 
 from ..trial import SQUARE, SQUARE_ORDER, Place
-from .blocking import QUADRATURE, blocking_all, patterns, seen_by_recursion, seen_exactly
+from .blocking import QUADRATURE, blocking_all, independent, patterns, seen_by_recursion, seen_exactly
 
 SIDE, FOCAL, FOV = 100.0, 70.0, math.radians(90.0)
 SIGMA_POSITION, SIGMA_YAW, SIGMA_READ = 1.0, 0.01, 2.0
@@ -97,7 +97,7 @@ def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, floa
     for n in COUNTS:
         q = blocking_all(xy, ground[:n], priors, QUADRATURE)
         exact = patterns(seen_exactly(xy, ground[:n], priors))
-        for name, found in ((RECURSION, patterns(seen_by_recursion(q))), (INDEPENDENT, _independent(q))):
+        for name, found in ((RECURSION, patterns(seen_by_recursion(q))), (INDEPENDENT, independent(q))):
             out[name, float(n)] = float(np.mean(0.5 * np.abs(found - exact).sum(axis=1)))
     positions = np.array([[0.5 * (SIDE - APART), 0.0], [0.5 * (SIDE + APART), 0.0]])
     away = np.column_stack([xy[:, 0], FAR + (SIDE - FAR) / SIDE * xy[:, 1]])
@@ -110,17 +110,6 @@ def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, floa
 def _priors(rng: np.random.Generator) -> Priors:
     covariance = np.tile(SPREAD**2 * np.eye(2), (OCCLUDERS, 1, 1))
     return gaussian_priors(rng.uniform(0.0, SIDE, (OCCLUDERS, 2)), covariance, DIAMETER)
-
-
-def _independent(q: Floats) -> Floats:
-    """(L, 2^N) p(eta) of all patterns eta of seeing cameras, if cameras were independent; column = sum of eta_i 2^i.
-
-    `q` (L, N, M) are the probabilities that occluder j hides a position from camera i.
-    """
-    seen, out = np.prod(1.0 - q, axis=2), np.ones((len(q), 1))
-    for i in range(seen.shape[1]):  # camera i is bit i of the column
-        out = np.concatenate([out * (1.0 - seen[:, i : i + 1]), out * seen[:, i : i + 1]], axis=1)
-    return out
 
 
 def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:

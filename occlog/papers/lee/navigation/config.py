@@ -35,23 +35,13 @@ class NavigateConfig(FieldSettings):
         at_least=1e-6,
         at_most=1e6,
         option="--step",
-        metavar="SECONDS",
     )
-    radius: float = option_setting(
-        0.0, "Radius r_r of the robot.", unit="length", people=0.25, at_least=0, metavar="LENGTH"
-    )
+    radius: float = option_setting(0.0, "Radius r_r of the robot.", unit="length", people=0.25, at_least=0)
     obstacle_radius: float = option_setting(
-        0.0,
-        "Radius r_o of tracked people.",
-        unit="length",
-        people=0.25,
-        at_least=0,
-        metavar="LENGTH",
+        0.0, "Radius r_o of tracked people.", unit="length", people=0.25, at_least=0
     )
     inflation_sigmas: float = setting(
-        0.0,
-        "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.",
-        at_least=0,
+        0.0, "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.", at_least=0
     )
     max_gap_s: float = setting(
         1.0, "Maximum gap between two rows of a track to interpolate.", unit="s", at_least=0, at_most=1e9
@@ -71,7 +61,6 @@ class NavigateConfig(FieldSettings):
         at_least=0,
         at_most=3600,
         option="--prediction-horizon",
-        metavar="SECONDS",
     )
     collision_guard: bool = setting(
         False,
@@ -91,7 +80,6 @@ class NavigateConfig(FieldSettings):
         "Distance from the goal, in the scene's unit, at which it is reached.",
         unit="length",
         above=0,
-        metavar="LENGTH",
         nothing="the length of a step",
     )
     max_steps: int = option_setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000)

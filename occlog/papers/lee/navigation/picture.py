@@ -14,7 +14,7 @@ from occlog.array_types import NS, Floats
 from occlog.records.declared.world import RobotPath
 from occlog.records.scene import Scene
 from occlog.report.drawing import COLOURS, Style, house_style, label, new_figure, to_png
-from occlog.report.plots.floorplan import draw_scale_bar, draw_scene, frame_plan
+from occlog.report.plots.floorplan import draw_scale_bar, draw_scene, frame_plan, limits_of
 
 from .config import NavigateConfig
 from .obstacle_course import Course
@@ -93,11 +93,7 @@ def _limits(what: PathPicture) -> Floats:
     ]
     points += [] if what.scene.room is None else [what.scene.room]
     points += [o.polygon for o in what.scene.occluders]
-    everything = np.vstack(points)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    size = max(float((high - low).max()), 1e-6)
-    grow = np.maximum(0.3 * size - (high - low), 0.0) / 2.0 + 0.06 * size
-    return np.array([low - grow, high + grow])
+    return limits_of(points)
 
 
 def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:

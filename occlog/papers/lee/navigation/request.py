@@ -72,7 +72,6 @@ class NavigateRequest(Request):
         unit="s",
         at_least=0,
         option="--start-delay",
-        metavar="SECONDS",
         shown="0",
     )
     settings: Mapping[str, object] = group(lambda: NavigateConfig, example="repulsion=0.05")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,8 @@ from occlog.core.navigation.steering import STATES, SteeringState
 from occlog.errors import UsageError, option
 from occlog.io.files.limits import naming
 from occlog.io.open import load_scene, open_input
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import RobotPath, Tracks, Truth
 from occlog.runner import Job
 from occlog.scans.occluder_priors import moving_people
@@ -28,10 +29,6 @@ from .config import NavigateConfig
 from .obstacle_course import Course, Disc, course_of, people_of
 from .request import NavigateRequest
 from .stage import Drive, End, PathRows, drive
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Scene
 
 
 class RobotVerdict:

@@ -9,11 +9,8 @@ from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.papers.ercan.formulas.blocking import (
     QUADRATURE,
     blocking_all,
-    exact,
     independent,
-    pattern,
     patterns,
-    recursion,
     seen_by_recursion,
     seen_exactly,
 )
@@ -28,6 +25,10 @@ def eq_9(q: np.ndarray, eta: tuple[int, ...], known: dict[int, int]) -> float:
         return float(np.prod(np.maximum(0.0, 1.0 - q[Q].sum(axis=0))))
     n = hidden[0]
     return eq_9(q, eta, {**known, n: -1}) - eq_9(q, eta, {**known, n: 1})
+
+
+def number(eta: np.ndarray) -> int:
+    return sum(1 << i for i, one in enumerate(eta) if one)
 
 
 def all_etas(N: int) -> list[np.ndarray]:
@@ -45,7 +46,8 @@ def test_recursion_is_eq_9_as_printed(seed: int) -> None:
     q = np.random.default_rng(seed).uniform(0, 0.25, (3, 4, 5))
     for eta in all_etas(4):
         want = [max(0.0, eq_9(row, tuple(eta.astype(int)), {})) for row in q]
-        np.testing.assert_allclose(recursion(q, eta), want, atol=1e-14)
+        found = patterns(seen_by_recursion(q))[:, number(eta)]
+        np.testing.assert_allclose(np.maximum(found, 0.0), want, atol=1e-14)
 
 
 @pytest.mark.jit
@@ -56,19 +58,8 @@ def test_probabilities_of_all_eta_sum_to_one(N: int) -> None:
     q = blocking_all(xy, cameras, priors, QUADRATURE) * 0.15  # so that nothing is clipped
     assert q.sum(axis=1).max() < 1.0
     assert patterns(seen_by_recursion(q)).min() > -1e-15
-    for total in (
-        sum(recursion(q, eta) for eta in all_etas(N)),
-        sum(independent(q, eta) for eta in all_etas(N)),
-        sum(exact(xy, cameras, priors, eta) for eta in all_etas(N)),
-    ):
-        np.testing.assert_allclose(total, 1.0, atol=1e-12)
-
-
-def test_patterns_are_all_of_pattern() -> None:
-    seen = seen_by_recursion(np.random.default_rng(0).uniform(0, 0.2, (4, 3, 5)))
-    for number, column in enumerate(patterns(seen).T):
-        eta = np.array([number >> i & 1 for i in range(3)], dtype=bool)
-        np.testing.assert_allclose(pattern(seen, eta, -1.0), column, atol=1e-15)
+    for found in (patterns(seen_by_recursion(q)), independent(q), patterns(seen_exactly(xy, cameras, priors))):
+        np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-12)
 
 
 def hidden(points: np.ndarray, x: np.ndarray, camera: np.ndarray, diameter: float) -> np.ndarray:
@@ -133,10 +124,9 @@ def test_one_camera_makes_all_forms_equal() -> None:
     rng = np.random.default_rng(1)
     priors, camera, xy = anisotropic(1, 8, 2.0), rng.uniform(0, 40, (1, 2)), rng.uniform(0, 40, (10, 2))
     q = blocking_all(xy, camera, priors, QUADRATURE)
-    for eta in all_etas(1):
-        want = exact(xy, camera, priors, eta)
-        np.testing.assert_allclose(recursion(q, eta), want, atol=1e-11)
-        np.testing.assert_allclose(independent(q, eta), want, atol=1e-11)
+    want = patterns(seen_exactly(xy, camera, priors))
+    np.testing.assert_allclose(patterns(seen_by_recursion(q)), want, atol=1e-11)
+    np.testing.assert_allclose(independent(q), want, atol=1e-11)
 
 
 @pytest.mark.jit
@@ -145,12 +135,10 @@ def test_recursion_is_exact_where_no_prior_is_near_an_overlap() -> None:
     cameras, xy = np.array([[0.0, 0.0], [40.0, 0.0]]), np.array([[20.0, 0.0]])
     priors = gaussian_priors(np.array([[10.0, 0.5], [30.0, -1.0], [8.0, 2.0]]), np.tile(np.eye(2), (3, 1, 1)), 3.33)
     q = blocking_all(xy, cameras, priors, QUADRATURE)
-    for eta in all_etas(2):
-        np.testing.assert_allclose(recursion(q, eta), exact(xy, cameras, priors, eta), atol=1e-11)
+    want = patterns(seen_exactly(xy, cameras, priors))
+    np.testing.assert_allclose(patterns(seen_by_recursion(q)), want, atol=1e-11)
     # Here each occluder can hide from one camera only, so cameras are independent too.
-    np.testing.assert_allclose(
-        independent(q, np.zeros(2, bool)), exact(xy, cameras, priors, np.zeros(2, bool)), atol=1e-9
-    )
+    np.testing.assert_allclose(independent(q)[:, 0], want[:, 0], atol=1e-9)
 
 
 @pytest.mark.jit
@@ -163,12 +151,17 @@ def test_two_cameras_at_one_place_see_the_same() -> None:
     np.testing.assert_allclose(p[:, [0, 3]], one, atol=1e-13)
 
 
-def test_recursion_is_zero_with_more_hidden_cameras_than_occluders_and_the_floor_saves_it() -> None:
+def test_recursion_is_zero_with_more_hidden_cameras_than_occluders() -> None:
     q = np.random.default_rng(0).uniform(0.05, 0.2, (6, 3, 2))
-    eta = np.zeros(3, dtype=bool)
-    np.testing.assert_allclose(recursion(q, eta), 0.0, atol=1e-15)
-    np.testing.assert_array_equal(recursion(q, eta, floor=1e-6), 1e-6)
-    assert np.all(independent(q, eta) > 0)
+    np.testing.assert_allclose(patterns(seen_by_recursion(q))[:, 0], 0.0, atol=1e-15)
+    assert np.all(independent(q)[:, 0] > 0)
+
+
+def test_independent_cameras_are_the_products_of_each() -> None:
+    q = np.random.default_rng(3).uniform(0.0, 0.4, (6, 3, 2))
+    seen = np.prod(1.0 - q, axis=2)
+    for eta in all_etas(3):
+        np.testing.assert_allclose(independent(q)[:, number(eta)], np.prod(np.where(eta, seen, 1.0 - seen), axis=1))
 
 
 def test_clipping_of_eq_8() -> None:
