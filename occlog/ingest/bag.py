@@ -567,7 +567,7 @@ class Taking:
             if message.topic in self._streams:
                 self._streams[message.topic].fail(str(error))
             if message.topic in self._boxes:
-                raise InputError(f"topic {message.topic}: {error}") from None
+                raise InputError(f"topic {message.topic}: {error}") from error
             state.damaged += 1
             state.reason = state.reason or str(error)
 
@@ -677,7 +677,7 @@ class Taking:
             raise UsageError(
                 f"true positions of the bag cannot be converted to the world frame: {error}; give another "
                 f"{option('world_frame')}, or a bag without their topic"
-            ) from None
+            ) from error
 
     def write_videos(self, writer: RecordingWriter) -> None:
         """Decode the collected video streams, and write the selected pictures of all cameras sorted by time.

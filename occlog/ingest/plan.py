@@ -535,7 +535,7 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
         try:
             chosen = read_pair(text, size=False)
         except UsageError as error:
-            raise UsageError(f"{option('frames')}: {error}") from None
+            raise UsageError(f"{option('frames')}: {error}") from error
         if name in own or (name is None and common is not None):
             raise UsageError(
                 f"{option('frames')} is given twice{f' for {name}' if name else ''}; keep one", id="conflicting-options"

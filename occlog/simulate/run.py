@@ -332,7 +332,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
-        raise UsageError(f"{error} ({option('overlapping')})") from None
+        raise UsageError(f"{error} ({option('overlapping')})") from error
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:

@@ -21,7 +21,7 @@ from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 
 from ..request import CalibrateRequest
-from ..results.output import CalibrationOutput
+from ..results.output import CalibrationResult
 from .board import CELLS, BoardLens, board_of, lens_of_views, views_of
 
 STEP_S = 0.25
@@ -32,7 +32,7 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 """Names of checks."""
 
 
-def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutput:
+def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationResult:
     """Calibrate the lens of each camera by images of a board.
 
     Args:
@@ -72,7 +72,7 @@ def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutp
         f"# {each.camera.name}: {each.views} views of a board, reprojection {each.reprojection_px:.3f} px\n"
         for each in lenses
     )
-    return CalibrationOutput(
+    return CalibrationResult(
         Scene(tuple(each.camera for each in lenses)), comment, parameters, _checks(lenses),
         {"cameras": {each.camera.name: _figures(each) for each in lenses}}, tuple(losses),
     )  # fmt: skip

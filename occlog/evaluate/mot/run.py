@@ -29,7 +29,7 @@ from occlog.io.formats.boxes.mot_challenge import (
     PEDESTRIAN,
     Marks,
     MotSequence,
-    SequenceInfo,
+    WrittenSequence,
     has_classes,
     read_marks,
     write_layout,
@@ -368,6 +368,6 @@ def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequenc
     for view, name in enumerate(compared.views):
         width, height = sizes.get(name) or image_size(compared, view)
         frames = int(compared.number[view].max()) + 1
-        info = SequenceInfo(name, frames, frame_rate(compared, view), width, height)
+        info = WrittenSequence(name, frames, frame_rate(compared, view), width, height)
         out.append(MotSequence(info, *view_boxes(compared, view)))
     return out

@@ -228,7 +228,7 @@ def _tables(
             iter([boxes] if len(rows) else []), TruthBoxes, [camera], [range(run[0], run[-1] + 1)], times
         )
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
 
 
 def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
@@ -364,7 +364,7 @@ class TruthOptions:
         return first
 
 
-class Positions(NamedTuple):
+class TruePositions(NamedTuple):
     """n true positions in columns: time [ns], identity, role, x, y, z, and line number in the file."""
 
     t_ns: Ints
@@ -376,10 +376,10 @@ class Positions(NamedTuple):
     line: Ints
 
 
-def _csv_positions(part: TextPart, options: TruthOptions) -> Positions:
+def _csv_positions(part: TextPart, options: TruthOptions) -> TruePositions:
     """True positions in some rows of a table with a header; times from their column, or from frame numbers."""
     t_ns = _row_times(part, options)
-    return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
+    return TruePositions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
 
 def _row_times(part: TextPart, options: TruthOptions) -> Ints:
@@ -391,20 +391,20 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
     try:
         return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
 
 
-def _gather(path: Path, parts: list[Positions]) -> Truth:
+def _gather(path: Path, parts: list[TruePositions]) -> Truth:
     """Table of the true positions in all parts, sorted by time and target.
 
     InputError if there is none, or a target has two positions at one time.
     """
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
-    p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    p = TruePositions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
-    p = Positions._make(column[order] for column in p)
+    p = TruePositions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
     if len(double):
         k = int(double[0])
@@ -417,7 +417,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
 
 
-def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
+def _mot_positions(rows: CsvRows, options: TruthOptions) -> TruePositions | None:
     """True world positions in rows of MOTChallenge text; None if there are none.
 
     They are the last three columns of rows where these are not all -1 and the flag (column 7) is not 0.
@@ -431,9 +431,9 @@ def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
     try:
         t_ns = options.frame_times(rows.path.name).at(rows.ints("0")[known] - 1)
     except InputError as error:
-        raise InputError(f"{rows.path}: {error}") from None
+        raise InputError(f"{rows.path}: {error}") from error
     role = np.full(len(known), "target")
-    return Positions(
+    return TruePositions(
         t_ns=t_ns,
         target_id=rows.identities("1")[known],
         role=role,
@@ -533,7 +533,7 @@ def _read_mot(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     yield from _read_boxes(path, options, camera)
 
 
-def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
+def _all_mot_positions(path: Path, options: TruthOptions) -> list[TruePositions]:
     return [p for rows in read_plain(path, WHAT) if (p := _mot_positions(rows, options)) is not None]
 
 
@@ -570,9 +570,9 @@ def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
     try:
         t_ns = options.frame_times(path.name).at(frame)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
     role, nothing = np.full(len(x), "target"), np.full(len(x), np.nan)
-    yield _gather(path, [Positions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
+    yield _gather(path, [TruePositions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
     if options.cameras:
         yield from _read_boxes(path, options, None)
 

@@ -522,7 +522,7 @@ def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
         try:
             size = stream_size(image.data, image.encoding)
         except InputError as error:
-            raise InputError(f"topic {topic}: {error}") from None
+            raise InputError(f"topic {topic}: {error}") from error
         if size is None:
             raise NoSizeError(
                 f"topic {topic}: no message of its video has a key frame, without which it cannot be decoded"

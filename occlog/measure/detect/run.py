@@ -44,7 +44,7 @@ from .by_network import detect_by_network
 from .by_person_network import PersonDetector, Work, check_of, described, of_boxes
 from .by_plugin import detect_by_plugin
 from .checks import DETECTOR, Checked, with_figures
-from .choice import Probe, probe
+from .choice import DetectionProbe, probe
 from .config import AUTO, BACKGROUND, NETWORK, OF_BACKGROUND, DetectConfig, parameters
 from .from_boxes import detect_boxes, scan_labels
 from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
@@ -334,7 +334,7 @@ def _background_because(request: DetectRequest, recording: McapRecording, target
     return ""
 
 
-def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
+def _chosen(sensors: Sequence[str], probes: Mapping[str, DetectionProbe]) -> tuple[list[str], tuple[Check, ...]]:
     """Names of the cameras in which the network detects, and findings about those with background subtraction.
 
     `probes` has the result of the comparison by camera; cameras without one are the network's.

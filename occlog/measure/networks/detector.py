@@ -260,7 +260,7 @@ class NetworkDetector:
             except FloatingPointError:
                 found.append(None)
             except InputError as error:
-                raise InputError(f"{self.network.file.path}: {error}") from None
+                raise InputError(f"{self.network.file.path}: {error}") from error
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:

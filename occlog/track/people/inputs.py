@@ -21,7 +21,7 @@ from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
-from occlog.scans.clocks import ClockChange, applied_clocks, clock_changes, clocks_of, with_applied_clocks
+from occlog.scans.clocks import ClockCorrection, applied_clocks, clock_changes, clocks_of, with_applied_clocks
 from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
@@ -187,7 +187,7 @@ class PeopleInput:
         self._known = applied is not None
 
     @property
-    def clock_changes(self) -> dict[int, ClockChange]:
+    def clock_changes(self) -> dict[int, ClockCorrection]:
         """Differences between the scene's clocks and those already applied to the input's times, by camera index.
 
         Empty if the applied ones are unknown.

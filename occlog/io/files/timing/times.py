@@ -82,7 +82,7 @@ def parse_start_time(text: str) -> int:
     try:
         return parse_time(text)
     except InputError as error:
-        raise InputError(f"{option('start_time')}: {error}") from None
+        raise InputError(f"{option('start_time')}: {error}") from error
 
 
 def parse_time(text: str, unit: str = "s") -> int:

@@ -40,7 +40,7 @@ SEQUENCE_INFO = "seqinfo.ini"
 Kind = Literal["tracks", "detections", "truth"]
 
 
-class SequenceInfo(NamedTuple):
+class WrittenSequence(NamedTuple):
     """Content of MOTChallenge's `seqinfo.ini` of a sequence.
 
     Attributes:
@@ -108,7 +108,7 @@ def mot_text(path: Path, boxes: Boxes, kind: Kind) -> str:
     return "".join(_lines(there, kind))
 
 
-def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overwrite: bool = False) -> None:
+def write_sequence(folder: Path, truth: TruthBoxes, info: WrittenSequence, *, overwrite: bool = False) -> None:
     """Write the true boxes of one camera as a MOTChallenge sequence: `gt/gt.txt` and `seqinfo.ini`.
 
     Args:
@@ -188,7 +188,7 @@ _NAME = re.compile(r"^[^\s/\\,:]{1,64}$")
 class MotSequence(NamedTuple):
     """True boxes and tracks of one camera as a MOTChallenge sequence, with the content of its `seqinfo.ini`."""
 
-    info: SequenceInfo
+    info: WrittenSequence
     truth: TruthBoxes
     tracks: Boxes
 

@@ -128,7 +128,7 @@ class Decoder:
         try:
             message = self._receive()
         except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+            raise InputError(f"{where}: {error}") from error
         if message is None:
             raise InputError(f"{where}: the decoder {self._death()}", id="damaged-file")
         header, payload = message
