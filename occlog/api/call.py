@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog import console
 from occlog.cli.setting_options import wanted
-from occlog.errors import UsageError, nearest
+from occlog.errors import UsageError, did_you_mean
 from occlog.plugins.loading import Chosen
 from occlog.request import File, Form, Request, RequestEntry, Verb
 from occlog.runner import run
@@ -55,8 +55,7 @@ def settings_by_class(
     known = sorted(set().union(*names))
     for name in keywords:
         if name not in known:
-            near = nearest(name, [*arguments, *known], owner=verb)
-            hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has: {', '.join(known)}"
+            hint = did_you_mean(name, [*arguments, *known], "it has:", owner=verb)
             raise UsageError(f"{verb} has no setting {name!r}; {hint}", id="unknown-key")
     return [
         {own[name]: declared_value(of, own[name], value) for name, value in keywords.items() if name in own}

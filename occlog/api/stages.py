@@ -407,7 +407,9 @@ def _text(value: object, argument: str) -> str:
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
-        raise UsageError(f"{argument}: a {type(value).__name__} in memory; give a path, or pass it to track")
+        raise UsageError(
+            f"{argument}: a {type(value).__name__} in memory; give a path, or pass the table itself to occlog.track"
+        )
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
 
 

@@ -36,7 +36,7 @@ from .microphones.array_outputs import (
     with_arrays,
 )
 from .request import CalibrateRequest
-from .results.output import CLOCK, CalibrationOutput
+from .results.output import CLOCK, CalibrationResult
 from .stage import Calibrated, CameraResult, calibrate, tracks_in_images
 from .starts.focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
 from .starts.marked import MarkedPose, pose_of_points
@@ -60,7 +60,7 @@ MAX_BOXES = 60_000
 """Boxes that are used, from the beginning of a recording; more take longer and change little."""
 
 
-def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOutput:
+def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationResult:
     """Calibrate cameras by people who walk, and microphone arrays by people who speak.
 
     Returns the scene with the calibrated sensors, checks and figures. InputError for boxes of fewer than two
@@ -78,7 +78,9 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
         job.note(line)
     if len(inputs.cameras) < 2:
         raise InputError(
-            f"{request.recording}: boxes of one camera; cameras are calibrated against each other", id="too-few-sensors"
+            f"{request.recording}: boxes of one camera, but cameras are calibrated against each "
+            "other; give boxes of two or more",
+            id="too-few-sensors",
         )
     sound = opened_directions(request, inputs)
     frames = _first_frames(inputs.frames, job)
@@ -116,7 +118,7 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
         summary["marked_points"] = {each.camera.name: _marked_figures(each) for each in start.marked}
     common = _common_views(found, frames, config.person_height * metre)
     checks = *_checks(found, cameras, config, metre), *common, *start.checks(found)
-    return CalibrationOutput(
+    return CalibrationResult(
         scene, _comment(found, scene.length_unit) + array_comment(arrays, scene.length_unit),
         {**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate},
         (*checks, *array_checks(arrays, inputs.scene, placed=stated)), summary,
@@ -147,7 +149,7 @@ def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
     return out
 
 
-class Start(NamedTuple):
+class InitialCameras(NamedTuple):
     """Initial cameras of the search.
 
     Attributes:
@@ -175,7 +177,7 @@ class Start(NamedTuple):
 
 def _start(
     request: CalibrateRequest, cameras: Sequence[Camera], frames: Sequence[FrameDetectionsWithIds], height: float
-) -> Start:
+) -> InitialCameras:
     """Initial poses from marked points, and focal lengths of cameras of which only the image size is known.
 
     InputError for a camera without a lens and an image size.
@@ -205,7 +207,7 @@ def _start(
             guess = focal_of_people(camera, tracks_in_images(frames, c, camera), height)
             guessed[camera.name] = guess
             out[c], sigma[c] = with_focal(camera, guess.focal_px), guess.sigma_log
-    return Start(out, sigma, marked, guessed)
+    return InitialCameras(out, sigma, marked, guessed)
 
 
 def _marked_figures(each: MarkedPose) -> dict[str, object]:

@@ -69,8 +69,9 @@ class CalibrateRequest(Request):
         shown="",
     )
     points: Path | None = source(
-        "Table of points of the floor that were marked in images: camera, pixel u, v, world position x, y and perhaps "
-        "z. Four or more of a camera give its initial pose, and its focal length where that is not known.",
+        "CSV table of points of the floor that were marked in images: camera, u, v [px], world position x, y and "
+        "perhaps z [scene unit]. Four or more of a camera give its initial pose, and its focal length where that is "
+        "not known.",
         metavar="FILE",
     )
     doa: Path | None = source(
@@ -86,7 +87,7 @@ class CalibrateRequest(Request):
     board: str | None = option_setting(
         None,
         "Calibrate lenses from this board: numbers of inner corners of a chessboard, or of squares of a ChArUco board, "
-        "across and down.",
+        "across and down, e.g. 9x6.",
         metavar="COLUMNSxROWS",
         shown="",
     )
@@ -103,8 +104,12 @@ class CalibrateRequest(Request):
         below=1,
         metavar="SHARE",
     )
-    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = option_setting((), "Exclude these cameras.", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting(
+        (), "Use these cameras only, names separated by commas.", metavar="A,B,...", shown=""
+    )
+    without: tuple[str, ...] = option_setting(
+        (), "Exclude these cameras, names separated by commas.", metavar="A,B,...", shown=""
+    )
     settings: Mapping[str, object] = group(lambda: CalibrateConfig, example="rounds=3")
     seed: int = seed_of_all()
 

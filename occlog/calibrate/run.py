@@ -11,7 +11,7 @@ from occlog.records.verdicts import summary_of, texts_of
 from occlog.runner import Job
 
 from .request import CalibrateRequest
-from .results.output import CalibrationOutput, write_scene
+from .results.output import CalibrationResult, write_scene
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -37,7 +37,7 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     return {**summary, **found.summary, **summary_of(made.judged)}, found.losses
 
 
-def _calibration(request: CalibrateRequest, job: Job) -> CalibrationOutput:
+def _calibration(request: CalibrateRequest, job: Job) -> CalibrationResult:
     """Calibrate by images of a board if the request names one, else by boxes of people.
 
     Only the code of that calibration is imported.

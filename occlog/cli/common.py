@@ -128,7 +128,10 @@ STATED = "occlog.input_units"
 
 
 ORIGIN_FORM = "LAT,LON[,DEG[,HEIGHT]]"
-ORIGIN_HELP = "position of the scene's origin (WGS 84), angle of +x from east towards north, and height of z = 0"
+ORIGIN_HELP = (
+    "latitude and longitude of the scene's origin (WGS 84), angle of +x from east towards north [all in degrees], and "
+    "height of z = 0 [m]"
+)
 
 
 def _origin() -> click.Option:

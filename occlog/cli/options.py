@@ -60,7 +60,11 @@ def set_opt(example: str) -> Callable[[F], F]:
     `example`: one for its help.
     """
     return click.option(
-        "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help=f"A setting NAME=VALUE, of those listed at the end of this help, e.g. {example}; may be repeated.",
     )
 
 

@@ -54,7 +54,13 @@ def list_plugins(as_json: bool) -> int:
 
 @command.command(name="check")
 @click.argument("name")
-@click.option("--sample", type=options.PATH, default=None, metavar="FILE", help="A good file, for a reader to read.")
+@click.option(
+    "--sample",
+    type=options.PATH,
+    default=None,
+    metavar="FILE",
+    help="A valid file of a reader plug-in's format, with which it is checked; needed for readers.",
+)
 @options.json_opt
 def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
     """Check that the plug-in NAME keeps what the interface promises; exit code 6 if it does not.

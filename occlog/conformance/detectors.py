@@ -118,8 +118,8 @@ def check_inside(of: Any) -> None:
         for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():
             if left >= wide or top >= high or left + width <= -0.5 or top + height <= -0.5:
                 raise BrokenError(
-                    f"a box at {left:.0f},{top:.0f} of {width:.0f} x {height:.0f} px is outside an image of "
-                    f"{wide} x {high} px"
+                    f"the detector gives a box at {left:.0f},{top:.0f} of {width:.0f} x {height:.0f} px, outside its "
+                    f"image of {wide} x {high} px; give pixels of the image"
                 )
 
 
@@ -130,7 +130,7 @@ def check_embeddings(of: Any) -> None:
     lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
     if len(without_embeddings) > 1 or len(lengths) > 1:
         raise BrokenError(
-            "embeddings have different lengths in the images of one film, or are reported in some of them"
+            "the detector's embeddings have different lengths in images of one video, or only some images have any"
         )
 
 
@@ -144,7 +144,9 @@ def check_independent(of: Any) -> None:
         both += film(of, [image(k)], own=first)
         film(of, [image(k)[:, ::-1].copy()], own=second)
     if as_bytes(alone) != as_bytes(both):
-        raise BrokenError("boxes depend on another camera's images; keep state in the object, not in class or module")
+        raise BrokenError(
+            "the detector's boxes depend on another camera's images; keep state in the object, not in class or module"
+        )
 
 
 def check_inputs(of: Any) -> None:
@@ -153,7 +155,7 @@ def check_inputs(of: Any) -> None:
         given = image(k)
         film(of, [given])
         if (given != image(k)).any():
-            raise BrokenError("detect changes the image that it is given; copy it")
+            raise BrokenError("the detector's detect changes the image that it is given; copy it")
 
 
 def check_results(of: Any) -> None:
@@ -165,7 +167,7 @@ def check_results(of: Any) -> None:
         (found,) = film(of, [image(k)], own=own)
         kept.append((found, as_bytes([found])))
     if any(as_bytes([found]) != was for found, was in kept):
-        raise BrokenError("boxes change after they were returned; return copies")
+        raise BrokenError("the detector changes boxes that it has returned; return copies")
 
 
 def check_read_only(of: Any) -> None:
@@ -180,7 +182,9 @@ def check_strided(of: Any) -> None:
     wide = np.zeros((SIZE[0], 2 * SIZE[1], 3), dtype=np.uint8)
     wide[:, ::2] = image(1)
     if as_bytes(film(of, [wide[:, ::2]], "an image with gaps in memory: detect")) != as_bytes(film(of, [image(1)])):
-        raise BrokenError("an image that has gaps in memory gives other boxes; use its values, not its bytes")
+        raise BrokenError(
+            "the detector finds other boxes in a strided (non-contiguous) image; read its values, not its bytes"
+        )
 
 
 def check_empty(of: Any) -> None:

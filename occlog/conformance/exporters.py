@@ -45,7 +45,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
     with called(what):
         (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))
     if file.closed:
-        raise BrokenError(f"{what} closes the file; leave this to occlog, which opened it")
+        raise BrokenError(f"the exporter closes the file ({what}); leave this to occlog, which opened it")
     return file.getvalue()
 
 
@@ -57,13 +57,14 @@ def use(of: Any) -> list[bytes]:
 def check_tables(of: Any) -> None:
     """Check that an exporter declares tables of occlog only, at least one of which the kit has a sample of."""
     if not isinstance(of.tables, tuple) or not of.tables:
-        raise BrokenError("tables must be a tuple of names, as ('tracks',)")
+        raise BrokenError("the exporter's tables must be a tuple of names, as ('tracks',)")
     for name in of.tables:
         if name not in TABLES:
-            raise BrokenError(f"tables: {name!r} is unknown; expected {', '.join(TABLES)}")
+            raise BrokenError(f"the exporter's tables: {name!r} is unknown; expected {', '.join(TABLES)}")
     if not any(name in SAMPLES for name in of.tables):
         raise BrokenError(
-            f"there are samples of {', '.join(SAMPLES)}, but none of {', '.join(of.tables)} to try the exporter with"
+            f"the exporter cannot be tried: it takes {', '.join(of.tables)}, and there are samples of "
+            f"{', '.join(SAMPLES)} alone"
         )
 
 
@@ -71,7 +72,7 @@ def check_writes(of: Any) -> None:
     """Check that an exporter writes some output for each sample table."""
     for rows in taken(of):
         if not write(of, rows, f"writing {rows.NAME}"):
-            raise BrokenError(f"of {len(rows)} rows of {rows.NAME} nothing is written")
+            raise BrokenError(f"the exporter writes nothing of {len(rows)} rows of {rows.NAME}; write every row")
 
 
 def check_rows(of: Any) -> None:
@@ -93,7 +94,7 @@ def check_inputs(of: Any) -> None:
         write(of, rows, f"writing {rows.NAME}")
         changed = [name for name, data in before.items() if getattr(rows, name).tobytes() != data]
         if changed:
-            raise BrokenError(f"write changes {changed[0]} of the rows that it is given; copy it")
+            raise BrokenError(f"the exporter's write changes {changed[0]} of the rows that it is given; copy it")
 
 
 def check_empty(of: Any) -> None:
@@ -151,7 +152,9 @@ def check_reuse(of: Any) -> None:
     for rows in taken(of):
         first = write(of, rows, "writing", own=own)
         if write(of, rows, "writing again", own=own) != first:
-            raise BrokenError("a second file written by the same object differs; keep nothing of the first")
+            raise BrokenError(
+                "the exporter writes the same rows differently the second time; keep nothing of the first file"
+            )
 
 
 CHECKS: dict[str, Check] = {

@@ -65,9 +65,9 @@ def defaults(of: Any, length_unit: str = "m") -> Settings:
 def check_interface(of: Any) -> None:
     """Check that a plug-in class has a summary of one line, and settings that are a dataclass derived from Settings."""
     if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
-        raise BrokenError("summary must be one line of text")
+        raise BrokenError("the plug-in's summary must be one line of text")
     if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
-        raise BrokenError("settings must be a dataclass that derives from Settings")
+        raise BrokenError("the plug-in's settings must be a dataclass that derives from Settings")
 
 
 def check_settings(of: Any) -> None:
@@ -75,13 +75,13 @@ def check_settings(of: Any) -> None:
     for f in fields(of.settings):
         reported = f.metadata.get("setting")
         if reported is None or not reported.help.strip():
-            raise BrokenError(f"setting {f.name} is not declared by setting() with a help text")
+            raise BrokenError(f"the plug-in's setting {f.name} has no help text; declare it by setting() with one")
     for unit in ("m", "cm", "ft", "cell"):
         try:
             of.settings.in_unit(unit)
         except Exception as error:
             raise BrokenError(
-                f"settings: their defaults for scenes in {unit} are not valid ({error}); correct the defaults or their "
+                f"the plug-in's settings: defaults for scenes in {unit} are not valid ({error}); correct them or their "
                 "limits"
             ) from error
 
@@ -119,7 +119,7 @@ def step_unchanged(step: Callable[[Any, Any], object], own: object, given: Any, 
     step(own, given)
     for name, was, now in zip(given._fields[2:], before, given[2:], strict=True):
         if was.tobytes() != np.asarray(now).tobytes():
-            raise BrokenError(f"step changes {name} of the {what} that it is given; copy it")
+            raise BrokenError(f"the plug-in's step changes {name} of the {what} that it is given; copy it")
 
 
 def named(namespace: Mapping[str, Check]) -> dict[str, Check]:
@@ -146,7 +146,9 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
 
     def check_determinism(of: Any) -> None:
         if use(of) != use(of):
-            raise BrokenError(f"two runs of {what} with the same inputs and seed differ")
+            raise BrokenError(
+                f"the plug-in's {what} gives other results for equal inputs and seed; use the given generator alone"
+            )
 
     def check_global_random(of: Any) -> None:
         def state() -> str:
@@ -156,7 +158,9 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
         before = state()
         use(of)
         if state() != before:
-            raise BrokenError("the global generator of random or numpy.random is used; use the one that is given")
+            raise BrokenError(
+                "the plug-in uses the global generator of random or numpy.random; use the one that it is given"
+            )
 
     def check_output(of: Any) -> None:
         out, err = io.StringIO(), io.StringIO()
@@ -164,14 +168,18 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
             use(of)
         if out.getvalue() or err.getvalue():
             statement = (out.getvalue() + err.getvalue()).strip()
-            raise BrokenError(f"{what} writes on standard output or error: {statement[:60]!r}")
+            raise BrokenError(
+                f"the plug-in's {what} writes on standard output or error: {statement[:60]!r}; leave this out"
+            )
 
     def check_warnings(of: Any) -> None:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             use(of)
         if caught:
-            raise BrokenError(f"ordinary input gives {caught[0].category.__name__}: {caught[0].message}")
+            raise BrokenError(
+                f"the plug-in warns of ordinary input, {caught[0].category.__name__}: {caught[0].message}"
+            )
 
     def check_surroundings(of: Any) -> None:
         def state() -> tuple[object, ...]:
@@ -180,12 +188,16 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
         before = state()
         use(of)
         if state() != before:
-            raise BrokenError("the working folder, the environment or NumPy's error state is changed")
+            raise BrokenError(
+                "the plug-in changes the working folder, the environment or NumPy's error state; restore them"
+            )
 
     def check_memory(of: Any) -> None:
         grown = bytes_left((use(of) for _ in range(2 + USES)), 2)
         if grown > growth_bytes:
-            raise BrokenError(f"each use leaves {grown:.0f} bytes behind (allowed: {growth_bytes}); keep nothing")
+            raise BrokenError(
+                f"the plug-in's memory grows by {grown:.0f} bytes each use (allowed: {growth_bytes}); keep nothing"
+            )
 
     found: dict[str, Check] = {
         "determinism": check_determinism,

@@ -106,12 +106,12 @@ def _similar(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -
             continue
         if a is None or b is None:
             if (a is None) != (b is None):
-                raise BrokenError(f"{what}: the target is found with or without it, but not in both cases")
+                raise BrokenError(f"{what}: the filter gives a position with or without it, but not in both cases")
             continue
         spread = walk.scale * np.sqrt(np.trace(np.asarray(a.covariance)))
         off = float(np.linalg.norm(walk.at(np.asarray(a.xy)) - np.asarray(b.xy)))
         if off > SAME * spread:
-            raise BrokenError(f"{what}: the target is {off / walk.scale:.3g} m elsewhere than without it")
+            raise BrokenError(f"{what}: the filter's position is {off / walk.scale:.3g} m from that without it")
 
 
 def check_shape(of: Of) -> None:
@@ -162,11 +162,14 @@ def check_follows(of: Of) -> None:
     off = [np.asarray(p.xy) - xy for p, xy in zip(estimates, PLAIN.truth[SETTLED:], strict=True) if p is not None]
     if len(off) < len(estimates):
         raise BrokenError(
-            f"{len(estimates) - len(off)} of {len(estimates)} time steps give no position; three sensors see it"
+            f"the filter gives no position in {len(estimates) - len(off)} of {len(estimates)} time steps, though three "
+            "sensors see the target"
         )
     rms = float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
     if not rms <= FARTHEST_M:
-        raise BrokenError(f"the error is {rms:.3g} m (allowed: {FARTHEST_M:g}), with bearings of one degree from 40 m")
+        raise BrokenError(
+            f"the filter's RMS error is {rms:.3g} m (allowed: {FARTHEST_M:g}), with bearing noise of 1 degree from 40 m"
+        )
 
 
 def check_consistent(of: Of) -> None:
@@ -179,7 +182,7 @@ def check_consistent(of: Of) -> None:
     ]
     if found and not float(np.mean(found)) <= MAX_NEES:
         raise BrokenError(
-            f"covariances are too small: mean NEES {np.mean(found):.3g} (2 is right, allowed: {MAX_NEES:g})"
+            f"the filter's covariances are too small: mean NEES {np.mean(found):.3g} (expected 2, at most {MAX_NEES:g})"
         )
 
 
@@ -192,7 +195,7 @@ def check_independent(of: Of) -> None:
         step(second, later(scan._replace(bearings=-scan.bearings), 0.1))
     if _bytes(alone) != _bytes(both):
         raise BrokenError(
-            "a track depends on another target's filter; keep state in the object, not in class or module"
+            "a target's estimates depend on another's filter; keep state in the object, not in class or module"
         )
 
 
@@ -211,7 +214,7 @@ def check_results(of: Of) -> None:
         if estimate is not None:
             kept.append((estimate, np.array(estimate.xy), np.array(estimate.covariance)))
     if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
-        raise BrokenError("a position changes after it was returned; return copies")
+        raise BrokenError("the filter changes a position that it has returned; return copies")
 
 
 def check_memory(of: Of) -> None:
@@ -219,7 +222,9 @@ def check_memory(of: Of) -> None:
     own = start(of)
     grown = bytes_left((step(own, scan) for scan in replace(PLAIN, n_steps=400)), 200)
     if grown > GROWTH_BYTES:
-        raise BrokenError(f"each time step leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
+        raise BrokenError(
+            f"the filter's memory grows by {grown:.0f} bytes each step (allowed: {GROWTH_BYTES}); keep no history"
+        )
 
 
 def check_empty(of: Of) -> None:
@@ -260,7 +265,7 @@ def check_time_back(of: Of) -> None:
     except (ValueError, OcclogError):
         return
     except Exception as error:
-        raise BrokenError(f"time that goes back raises {words(error)}; raise a ValueError") from error
+        raise BrokenError(f"the filter raises {words(error)} at a time that goes back; raise a ValueError") from error
     wrong = _fault(estimate)
     if wrong is not None:
         raise BrokenError(f"after a time that goes back {wrong}")

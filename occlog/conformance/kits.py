@@ -37,11 +37,11 @@ def kit_of(plugin: Plugin, sample: Path | None) -> Mapping[str, Check]:
     if plugin.kind != READER:
         if sample is not None:
             raise UsageError(
-                f"--sample is for readers; {plugin.name} is a {plugin.kind}, leave it out", id="not-applicable"
+                f"--sample is for readers; plug-in {plugin.name} is a {plugin.kind}: leave it out", id="not-applicable"
             )
         return KITS[plugin.kind]
     if sample is None:
         raise UsageError(
-            f"{plugin.name} is a reader: give a good file for it to read (--sample FILE)", id="missing-option"
+            f"plug-in {plugin.name} is a reader: give a valid file of its format (--sample FILE)", id="missing-option"
         )
     return checks_with(check_input(sample, f"a file that {plugin.name} reads"))

@@ -63,19 +63,19 @@ def _similar(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None
         if not math.isclose(want, float(found[name]), rel_tol=CLOSE, abs_tol=CLOSE) and not (
             math.isnan(want) and math.isnan(float(found[name]))
         ):
-            raise BrokenError(f"{what}: {name} is {float(found[name]):.6g}; {want:.6g} was expected")
+            raise BrokenError(f"{what}: the metric's {name} is {float(found[name]):.6g}; {want:.6g} was expected")
 
 
 def check_units(of: Any) -> None:
     """Check that a metric declares a unit for each figure, and names figures by small letters, digits and `_`."""
     if not isinstance(of.units, Mapping) or not of.units:
-        raise BrokenError("units must be a mapping of names to units, with one figure at least")
+        raise BrokenError("the metric's units must be a mapping from names of figures to units, with one at least")
     for name, unit in of.units.items():
         if not re.fullmatch(r"[a-z][a-z0-9_]*", str(name)):
-            raise BrokenError(f"figure {name!r} must be named by small letters, digits and _")
+            raise BrokenError(f"the metric's figure {name!r} must be named by small letters, digits and _")
         if not isinstance(unit, str) or re.search(r"\s", unit):
             raise BrokenError(
-                f"the unit of {name} is {unit!r}; expected a text without blanks, as 'length', 's' or '1'"
+                f"the metric's unit of {name} is {unit!r}; expected a text without blanks, as 'length', 's' or '1'"
             )
 
 
@@ -87,7 +87,7 @@ def check_figures(of: Any) -> None:
 def check_known(of: Any) -> None:
     """Check that at least one figure of an ordinary walk is a number."""
     if all(math.isnan(value) for value in figures(of, compared()).values()):
-        raise BrokenError("all figures of an ordinary walk are NaN")
+        raise BrokenError("the metric gives NaN for all figures of ordinary tracks; one number at least was expected")
 
 
 def check_inputs(of: Any) -> None:
@@ -99,7 +99,9 @@ def check_inputs(of: Any) -> None:
     for table, was in zip(tables, before, strict=True):
         changed = [name for name, data in was.items() if getattr(table, name).tobytes() != data]
         if changed:
-            raise BrokenError(f"figures changes {changed[0]} of the {table.NAME} that it is given; copy it")
+            raise BrokenError(
+                f"the metric's method figures changes {changed[0]} of the {table.NAME} that it is given; copy it"
+            )
 
 
 def check_reuse(of: Any) -> None:
@@ -108,7 +110,9 @@ def check_reuse(of: Any) -> None:
     with called("figures"):
         first, second = dict(own.figures(compared())), dict(own.figures(compared()))
     if repr(first) != repr(second):
-        raise BrokenError("a second comparison by the same object differs; keep nothing of the first")
+        raise BrokenError(
+            "the metric gives other figures for the same tables the second time; keep nothing of the first comparison"
+        )
 
 
 def check_no_tracks(of: Any) -> None:

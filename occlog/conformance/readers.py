@@ -61,22 +61,24 @@ class ReaderChecks:
         """Check that file endings begin with a point and are in lower case, and that the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
-            raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
+            raise BrokenError("the reader's endings must be a tuple of texts, as ('.xyz',)")
         for ending in endings:
             if not isinstance(ending, str) or not ending.startswith(".") or ending != ending.lower():
-                raise BrokenError(f"ending {ending!r} must begin with a point, in lower case")
+                raise BrokenError(f"the reader's ending {ending!r} must begin with a point, in lower case")
         if not self.sample.name.lower().endswith(endings):
-            raise BrokenError(f"the sample's name, {self.sample.name}, ends in none of {', '.join(endings)}")
+            raise BrokenError(
+                f"the name of the sample, {self.sample.name}, has none of the reader's endings: {', '.join(endings)}"
+            )
 
     def check_table(self, of: Any) -> None:
         """Check that the table which the reader names is one of occlog's (`TABLES`)."""
         if of.table not in TABLES:
-            raise BrokenError(f"table is {of.table!r}; expected one of {', '.join(TABLES)}")
+            raise BrokenError(f"the reader's table is {of.table!r}; expected one of {', '.join(TABLES)}")
 
     def check_columns(self, of: Any) -> None:
         """Check that the sample file gives columns of valid names and equal lengths, with at least one row."""
         if not len(next(iter(self.read(of).values()))):  # type: ignore[arg-type]
-            raise BrokenError("the sample gives no rows; give one that has some")
+            raise BrokenError("the reader's read returns no rows of the sample; give a sample that has some (--sample)")
 
     @contextmanager
     def laid_out(self, of: Any) -> Iterator[ExternalTable]:
@@ -94,7 +96,9 @@ class ReaderChecks:
                 yield ExternalTable(source, best_fit(source, [TABLES[of.table]]))
             except InputError as error:
                 reason = str(error).replace(f"{path}: ", "")
-                raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
+                raise BrokenError(
+                    f"the reader's read returns columns or rows that do not fit table {of.table}: {reason}"
+                ) from error
 
     def check_fits(self, of: Any) -> None:
         """Check that the columns read from the sample fit the table that the reader states, row by row."""
@@ -109,7 +113,10 @@ class ReaderChecks:
                 used = {spelled.name for spelled in table.layout.columns}
                 left = [name for name in table.source.names if name not in used]
             if left:
-                raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
+                raise BrokenError(
+                    f"the reader's read returns a column {left[0]!r}, which table {of.table} lacks; leave it out, "
+                    "or give it the table's name for it"
+                )
 
     def check_place(self, of: Any) -> None:
         """Check that what is read does not depend on the name and folder of the file."""
@@ -117,7 +124,7 @@ class ReaderChecks:
             path = Path(other) / f"ein Ort, naïve'{self.sample.suffix}"
             shutil.copy(self.sample, path)
             if self.text(of, path) != self.text(of):
-                raise BrokenError("a copy of the file with another name is read differently")
+                raise BrokenError("the reader's rows depend on the file's name or folder; use the content alone")
 
     def check_unchanged(self, of: Any) -> None:
         """Check that `read` leaves the file unchanged, and creates no other file next to it."""
@@ -127,7 +134,7 @@ class ReaderChecks:
             before = path.read_bytes()
             self.read(of, path)
             if path.read_bytes() != before or len(list(Path(other).iterdir())) != 1:
-                raise BrokenError("read changes the file, or leaves another one next to it")
+                raise BrokenError("the reader's read changes the file, or writes another next to it; only read")
 
     def check_closed(self, of: Any) -> None:
         """Check that `read` leaves no file open (on systems with /proc)."""
@@ -139,7 +146,7 @@ class ReaderChecks:
         with called("read"):
             kept.read(self.sample)
         if len(list(opened.iterdir())) > before:
-            raise BrokenError("read leaves a file open; open it in a with statement")
+            raise BrokenError("the reader's read leaves a file open; open it in a with statement")
 
     def check_reuse(self, of: Any) -> None:
         """Check that one reader object reads the sample file twice with equal results."""
@@ -149,7 +156,7 @@ class ReaderChecks:
         if fault_of(first) is None and fault_of(second) is None:
             both = [as_text({n: np.asarray(v) for n, v in found.items()}) for found in (first, second)]
             if both[0] != both[1]:
-                raise BrokenError("a second file read by the same object is read differently")
+                raise BrokenError("the reader's read returns other rows the second time; keep nothing of the first")
 
     def damaged(self, of: Any, what: str, data: bytes, *, refused: bool = False) -> None:
         """Check that a file with the content `data`, described by `what`, is refused by an error of one line.
@@ -165,11 +172,11 @@ class ReaderChecks:
             except REFUSALS as error:
                 if not str(error).strip() or "\n" in str(error).strip():
                     raise BrokenError(
-                        f"{what}: {type(error).__name__} needs a message of one line that states the fault"
+                        f"{what}: the reader's {type(error).__name__} needs a message of one line that states the fault"
                     ) from error
                 return
         if refused:
-            raise BrokenError(f"{what} is read as if nothing were wrong; raise a ValueError")
+            raise BrokenError(f"the reader's read accepts {what} as if nothing were wrong; raise a ValueError")
         refuse(fault_of(found), what)
 
     def check_absent(self, of: Any) -> None:
@@ -180,7 +187,7 @@ class ReaderChecks:
                     of(defaults(of)).read(Path(other) / self.sample.name)
             except OSError:
                 return
-        raise BrokenError("a file that is not there is read as if it were")
+        raise BrokenError("the reader's read returns rows of a file that does not exist; raise a FileNotFoundError")
 
     def check_cut(self, of: Any) -> None:
         """Check that a file that is cut off is refused by a ValueError, or read up to its end."""

@@ -141,16 +141,22 @@ def check_follows(of: Any) -> None:
     for person in (0, 1):
         own = {ids[person] for ids in late}
         if own == {-1}:
-            raise BrokenError(f"a person who is in all frames has no identity after {SETTLED} of them")
+            raise BrokenError(
+                f"the tracker gives a person who is in all frames no identity after {SETTLED} of them; give one"
+            )
         if len(own) > 1:
-            raise BrokenError(f"a person who is in all frames has {len(own)} identities; one was expected")
+            raise BrokenError(
+                f"the tracker gives a person who is in all frames {len(own)} identities; one was expected"
+            )
 
 
 def check_apart(of: Any) -> None:
     """Check that two people who are far from each other have different identities."""
     late = run(of, walk())[SETTLED:]
     if {ids[0] for ids in late} & {ids[1] for ids in late} - {-1}:
-        raise BrokenError("two people who are never near each other have had one identity")
+        raise BrokenError(
+            "the tracker gives one identity to two people who are far from each other in all frames; two were expected"
+        )
 
 
 def check_newcomer(of: Any) -> None:
@@ -160,7 +166,9 @@ def check_newcomer(of: Any) -> None:
     ids = run(of, frames)
     before = {k for each in ids[:20] for k in each} - {-1}
     if before & {each[2] for each in ids[20:]}:
-        raise BrokenError("a person who comes later has the identity of a person who was there before")
+        raise BrokenError(
+            "the tracker gives a person who enters later an identity that was used before; give a new one"
+        )
 
 
 def check_order(of: Any) -> None:
@@ -169,7 +177,9 @@ def check_order(of: Any) -> None:
     turned = run(of, [each._replace(boxes=each.boxes[:: 1 - each.frame % 2 * 2].copy()) for each in walk()])
     back = _renamed(ids[:: 1 - k % 2 * 2] for k, ids in enumerate(turned))
     if back[SETTLED:] != plain[SETTLED:]:
-        raise BrokenError("boxes in another order have other identities")
+        raise BrokenError(
+            "the tracker gives other identities if the boxes of a frame are in another order; do not use their order"
+        )
 
 
 def check_independent(of: Any) -> None:
@@ -180,7 +190,9 @@ def check_independent(of: Any) -> None:
         both.append(step(first, each).tolist())
         step(second, each._replace(boxes=each.boxes + 300.0))
     if _renamed(alone) != _renamed(both):
-        raise BrokenError("identities depend on another camera's tracker; keep state in the object")
+        raise BrokenError(
+            "the tracker's identities depend on another camera's tracker; keep state in the object, not the class"
+        )
 
 
 def check_inputs(of: Any) -> None:
@@ -199,7 +211,7 @@ def check_results(of: Any) -> None:
             ids = own.step(each)
         kept.append((ids, np.array(ids).tolist()))
     if any(np.array(ids).tolist() != was for ids, was in kept):
-        raise BrokenError("identities change after they were returned; return copies")
+        raise BrokenError("the tracker changes identities that it has returned; return copies")
 
 
 def check_memory(of: Any) -> None:
@@ -207,7 +219,9 @@ def check_memory(of: Any) -> None:
     own = start(of)
     grown = bytes_left((step(own, frame(n)) for n in range(400)), 200)
     if grown > GROWTH_BYTES:
-        raise BrokenError(f"each frame leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
+        raise BrokenError(
+            f"the tracker's memory grows by {grown:.0f} bytes each frame (allowed: {GROWTH_BYTES}); keep no history"
+        )
 
 
 def check_empty(of: Any) -> None:
@@ -257,7 +271,9 @@ def check_epoch(of: Any) -> None:
     """Check that identities do not depend on the epoch of times, nor on the first frame number."""
     early = [each._replace(t_ns=each.t_ns - START_NS, frame=each.frame + 5000) for each in walk()]
     if _renamed(run(of, early)) != _renamed(run(of, walk())):
-        raise BrokenError("times that begin at 0, or other numbers of frames, give other identities")
+        raise BrokenError(
+            "the tracker's identities change if all times or frame numbers are shifted; use time differences only"
+        )
 
 
 CHECKS: dict[str, Check] = {

@@ -76,7 +76,8 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
     tracks = None if request.tracks is None else _open(request.tracks, fps, Tracks)
     if fps is not None and not any(opened is not None and opened.counts_frames for opened in (truth, tracks)):
         raise UsageError(
-            f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out",
+            f"{option('fps')} is for tables that count frames; {request.truth or request.tracks} has times, leave "
+            "it out",
             id="not-applicable",
         )
     scene = _scene(request, tracks, truth)
@@ -96,7 +97,9 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     """
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
-        raise UsageError(f"{path}: stations have no positions without a scene; give one", id="missing-pose")
+        raise UsageError(
+            f"{path}: the positions of its stations are unknown; give a scene ({option('scene')})", id="missing-pose"
+        )
     if opened.has_lengths(Measurements):
         check_unit(opened, scene.length_unit, error=InputError)
 

@@ -20,7 +20,7 @@ UNITS = ("m", "unit", "ft", "in", "px", "mrad")
 """Units in which names of figures end, and that may be omitted."""
 
 
-class Metric(NamedTuple):
+class MetricDefinition(NamedTuple):
     """A figure of an evaluation.
 
     The marks are letters: `l` it is a line of the summary on the terminal; `s` so it is without the settling time; `e`
@@ -304,8 +304,8 @@ METRICS_OF_GROUP: dict[str, tuple[tuple[str, ...], ...]] = {
         ("cooperation_requests_spread", "requests by the spread", "", "", "l"),
     ),
 }
-"""Figures of each group: name, label, unit, note and marks, as of `Metric`."""
-METRICS = tuple(Metric(group, *row) for group, rows in METRICS_OF_GROUP.items() for row in rows)
+"""Figures of each group: name, label, unit, note and marks, as of `MetricDefinition`."""
+METRICS = tuple(MetricDefinition(group, *row) for group, rows in METRICS_OF_GROUP.items() for row in rows)
 OTHER_NAMES = (
     "max_gap_s noise_at_known_positions noise_at_known_positions_error noise_at_known_positions_readings "
     "tracks_independent_ids tracks_on_distractors"

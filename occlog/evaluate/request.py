@@ -44,24 +44,31 @@ class EvaluateRequest(Request):
 
     tracks: Path | None = source("Tracks to evaluate.", argument=True, required=False)
     truth: Path | None = source(
-        "True positions or boxes: a recording or a table; for tracks in images also MOTChallenge text, XML "
-        "(PETS), VATIC's or KITTI's text.",
+        "Truth: a recording, or a table of positions (t_s, target_id, x, y) or true boxes; for tracks in images also "
+        "MOTChallenge text, XML (PETS), VATIC's or KITTI's text.",
         kinds=(IMAGES, GROUND, OTHERS),
     )
-    bearings: Path | None = source("Bearings, for detection rates, bound and triangulation residuals.", kinds=WORLD)
+    bearings: Path | None = source(
+        "Bearings (table or recording), for detection rates, bound and triangulation residuals.", kinds=WORLD
+    )
     measurements: Path | None = source(
-        "Ranges, signal strengths and time differences, for the bound; give the settings that TRACKS were made with.",
+        "Ranges, signal strengths, time differences or reads of tags, for the bound; their settings are those stated "
+        "in TRACKS.",
         kinds=WORLD,
     )
     doa: Path | None = source(
-        "Additional directions of arrival. [default: those of the same recording]",
+        "Directions of arrival: a table or recording. Used together with --bearings, or compared with "
+        "--truth-azimuths. [default: those in the recording of --bearings]",
         kinds=(AZIMUTHS, *WORLD),
     )
     doa_labels: bool = option_setting(
-        False, "Source IDs in the log of directions are target IDs.", shown="", kinds=WORLD
+        False,
+        "Source IDs in the directions of arrival are target IDs. [default: directions are unlabelled candidates]",
+        shown="",
+        kinds=WORLD,
     )
     truth_azimuths: Path | None = source(
-        "True directions to compare --doa with: a log (time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
+        "True directions to compare --doa with: a log (columns time, azimuth_deg) or a table.", kinds=(AZIMUTHS,)
     )
     doa_gate_deg: float | None = setting(
         None,
@@ -74,22 +81,27 @@ class EvaluateRequest(Request):
         kinds=(AZIMUTHS,),
     )
     views: Path | None = source(
-        "Views to compare with the true boxes of --truth; with --held-out, views or boxes of all people.",
+        "Views (table of `occlog detect --views`) to compare with the true boxes of --truth. With --held-out: views "
+        "or boxes of all people, of which those of held-out cameras are predicted from the tracks.",
         kinds=WORLD,
     )
     cooperation: Path | None = source(
-        "Camera requests of `occlog track --cooperation`, to report their number and mean period, answers and "
-        "requested frames.",
+        "Camera requests (Parquet) of `occlog track --cooperation`, to report their number and mean period, answers "
+        "and requested frames.",
         kinds=WORLD,
     )
-    diagnostics: Path | None = source("Filter diagnostics of `occlog track`, for the consistency checks.", kinds=WORLD)
+    diagnostics: Path | None = source(
+        "Filter diagnostics (Parquet) of `occlog track --diagnostics`, for the consistency checks.", kinds=WORLD
+    )
     scene: Path | None = source(SCENE, scene=True, kinds=(AZIMUTHS, *WORLD))
-    output: Path | None = sink("All metrics as one JSON object.", option="-o/--output", asked="never")
+    output: Path | None = sink("Write all metrics as one JSON object.", option="-o/--output", asked="never")
     errors: Path | None = sink("Write the error of each estimate (Parquet).", "errors", kinds=WORLD)
-    bound: Path | None = sink("Write the posterior Cramer-Rao bound (Parquet).", "bound", kinds=WORLD)
+    bound: Path | None = sink(
+        "Write the posterior Cramer-Rao bound of each target at each time (Parquet).", "bound", kinds=WORLD
+    )
     write_scene: Path | None = sink(
-        "Write the scene with the measurement noise of each camera as estimated from truth; needs --bearings and "
-        "--truth.",
+        "Write the scene (YAML) with the measurement noise of each camera as estimated from truth; needs --bearings "
+        "and --truth.",
         asked="never",
         kinds=WORLD,
     )
@@ -124,10 +136,7 @@ class EvaluateRequest(Request):
         kinds=MANY,
     )
     failures: Path | None = sink(
-        "Write each failure of a tracker: frame, camera, target, cause (Parquet).",
-        "failures",
-        asked="also",
-        kinds=MANY,
+        "Write each failure of a tracker: frame, camera, target, cause (Parquet).", "failures", asked="also", kinds=MANY
     )
     counts: Path | None = sink(
         "Write the numbers of targets and tracks at each time of the truth (Parquet).",

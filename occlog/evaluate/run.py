@@ -121,7 +121,8 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
         raise UsageError(
-            f"{option('also')}: tracks in images and tracks on the ground cannot be put together",
+            f"{option('also')}: tracks in images and tracks on the ground cannot be evaluated together; evaluate "
+            "them separately",
             id="incompatible-inputs",
         )
     begin_work()
@@ -177,7 +178,8 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
     units = [scene.length_unit for _, scene, _ in opened]
     if len(set(units)) > 1:
         raise UsageError(
-            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together",
+            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; evaluate these "
+            "recordings separately",
             id="unit-mismatch",
         )
     each, whole = list[Metrics](), None
@@ -474,7 +476,8 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
     if both:
         names = ",".join(both)
         raise InputError(
-            f"{tracks.path}: was made with {names}; make it again with `occlog track --without {names}`",
+            f"{tracks.path}: was made with {names}, which {option('held_out')} predicts; make it again with "
+            f"`occlog track --without {names}`",
             id="wrong-content",
         )
 
@@ -491,7 +494,7 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
         raise UsageError(
-            f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out",
+            f"{option('truth_azimuths')} is compared with {option('doa')} alone; leave TRACKS out",
             id="not-applicable",
         )
     if doa is None or truth is None:
@@ -508,7 +511,8 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
         raise InputError(
-            f"{truth}: has no time near those of {doa}; check the times, or give a larger {option('max_gap')}",
+            f"{truth}: has no time near those of {doa}; check the clocks and units of times, or give a larger "
+            f"{option('max_gap')}",
             id="disjoint-inputs",
         )
     losses = previous_losses([doa, truth])

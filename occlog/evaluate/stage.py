@@ -496,7 +496,8 @@ def with_plugins(
         both = sorted(named.keys() & metrics.keys())
         if both:
             raise UsageError(
-                f"{each.plugin.label}: {both[0]} is a figure of the evaluation itself; rename the plug-in",
+                f"{each.plugin.label}: its metric has the name {both[0]}, which is one of occlog's own; rename the "
+                "plug-in",
                 id="duplicate-name",
             )
         metrics |= named

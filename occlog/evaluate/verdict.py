@@ -452,7 +452,8 @@ def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> 
             more = next(rest, None)
             if more is None:
                 raise InputError(
-                    "diagnostics: fewer rows than the tracks; give those that were written along with these tracks",
+                    "diagnostics: fewer rows than the tracks; give the diagnostics that were written together "
+                    "with these tracks",
                     id="incompatible-inputs",
                 )
             held = Diagnostics.concat([held, more])

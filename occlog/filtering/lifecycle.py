@@ -34,7 +34,7 @@ def elapsed(before_ns: int | None, t_ns: int) -> float:
     if before_ns is None:
         return 0.0
     if t_ns < before_ns:
-        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {before_ns} ns")
+        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {before_ns} ns; sort the scans by time")
     return (t_ns - before_ns) / NS
 
 

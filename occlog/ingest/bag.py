@@ -87,7 +87,8 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
     for name, topic in plan.topic:
         if name is None:
             raise UsageError(
-                f"topic {topic}: does not state what it is called; give NAME={topic}", id="camera-not-named"
+                f"{option('topic')} {topic}: lacks the name of its camera, array or target; give NAME={topic}",
+                id="camera-not-named",
             )
         out.append((name, topic))
     return out
@@ -111,7 +112,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
                 f"{bag.paths[0]}: has no message ({held}); check that these were published, record again",
                 id="empty-input",
             )
-        remedy = f"name the others: {option('topic')} NAME=TOPIC" if named else "no topic has a known type"
+        remedy = f"select one: {option('topic')} NAME=TOPIC" if named else "none has a type that is known"
         if (why := next(iter(found.faults.values()), None)) is not None:
             raise InputError(f"{bag.paths[0]}: {why}")
         if bag.losses:
@@ -119,7 +120,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
                 f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again", id="damaged-file"
             )
         raise InputError(
-            f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}",
+            f"{bag.paths[0]}: holds no topic of images, boxes or directions that ingest can read: {held}; {remedy}",
             id="wrong-content",
         )
     for line in (*topic_lines(found), *borrowed_lines(found)):
@@ -280,8 +281,8 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
         raise UsageError(
-            f"the cameras of the bag are fixed in several frames: {text}; name the world frame: "
-            f"{option('world_frame')} FRAME",
+            f"camera frames of the bag have several root frames in its transforms (/tf): {text}; name the world "
+            f"frame: {option('world_frame')} FRAME",
             id="ambiguous-input",
         )
     return next(iter(roots), None)
@@ -289,7 +290,10 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
     if world is None or not tree.knows(frame):
-        raise InputError(f"no transforms determine where its frame {frame!r} is", id="missing-pose")
+        raise InputError(
+            f"the transforms of the bag (/tf, /tf_static) do not give the pose of the camera's frame {frame!r}",
+            id="missing-pose",
+        )
     return tree.placed(frame, world)
 
 
@@ -563,7 +567,7 @@ class Taking:
             if message.topic in self._streams:
                 self._streams[message.topic].fail(str(error))
             if message.topic in self._boxes:
-                raise InputError(f"topic {message.topic}: {error}") from None
+                raise InputError(f"topic {message.topic}: {error}") from error
             state.damaged += 1
             state.reason = state.reason or str(error)
 
@@ -620,7 +624,9 @@ class Taking:
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
                     raise UsageError(
-                        f"topics {self._owners[target]} and {topic}: both are of target {target}", id="duplicate-name"
+                        f"topics {self._owners[target]} and {topic} both have true positions of target {target}; "
+                        f"number them apart: {option('topic')} NUMBER={topic}",
+                        id="duplicate-name",
                     )
             if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
                 self._of_other_times += len(table)
@@ -669,8 +675,9 @@ class Taking:
             return tree.placed(frame, world)
         except InputError as error:
             raise UsageError(
-                f"true positions: {error}; leave their topic out, or give another {option('world_frame')}"
-            ) from None
+                f"true positions of the bag cannot be converted to the world frame: {error}; give another "
+                f"{option('world_frame')}, or a bag without their topic"
+            ) from error
 
     def write_videos(self, writer: RecordingWriter) -> None:
         """Decode the collected video streams, and write the selected pictures of all cameras sorted by time.
@@ -684,7 +691,9 @@ class Taking:
                 self._states[topic].damaged += stream.end()
                 if not stream.times:
                     raise InputError(
-                        f"topic {topic}: {stream.reason or 'its video has no key frame'}", id="damaged-file"
+                        f"topic {topic}: no picture of its video can be decoded: "
+                        f"{stream.reason or 'it has no key frame'}; record it again, from a key frame on",
+                        id="damaged-file",
                     )
                 source = _decoding(stream, self._cameras[topic], self.plan)
                 stack.enter_context(source.decoder)
@@ -849,15 +858,14 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
     arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
     for array, topic in list(found.map.directions.items()):
         if array not in arrays:
-            text = (
-                f"{topic}: directions of array {array!r}, which is not in the scene ({', '.join(arrays) or 'no array'})"
-            )
+            known = ", ".join(arrays) or "no array"
             if topic in asked:
                 raise UsageError(
-                    f"topic {text}; add it to the scene, or give ARRAY={topic} with an array of the scene",
+                    f"{option('topic')} {topic}: the scene lacks its array {array!r} (it has: {known}); add it "
+                    f"({option('scene')}, {option('arrays')}), or give ARRAY={topic} with an array of the scene",
                     id="unknown-sensor",
                 )
-            note(f"bag: not taken: {text}")
+            note(f"bag: skipped: {topic}: directions of array {array!r}, which is not in the scene ({known})")
             del found.map.directions[array]
     if plan.store == "link":
         raise UsageError(
@@ -875,7 +883,10 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
     for name in (*found.map.cameras, *found.map.directions):
         for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"{name}: has its times from the bag; omit {key} {name}=...", id="not-applicable")
+                raise UsageError(
+                    f"{name}: camera or array of the bag, which has its times; omit {key} {name}=...",
+                    id="not-applicable",
+                )
         if name in plan.video or name in plan.images:
             raise UsageError(
                 f"camera {name}: is both in the bag and among the videos and images; give one of them another name",

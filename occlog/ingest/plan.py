@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 from occlog.errors import UsageError, did_you_mean, option
 from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.records.names import first_double
-from occlog.settings import Settings, declared, kind_of, read_pair, read_value, setting
+from occlog.settings import Settings, declared, kind_of, option_setting, read_pair, read_value, setting
 
 if TYPE_CHECKING:
     from occlog.io.formats.calibration.common import CalibrationOptions
@@ -200,151 +200,137 @@ class IngestPlan(Settings):
     clock_offset: dict[str, float]  # s
     frames: FrameChoice
 
-    timestamp_source: str = setting(
+    timestamp_source: str = option_setting(
         "header",
         "Times of the messages of a bag: `header`, set by the sensors, or `log`, the time of recording.",
         choices=("header", "log"),
-        option="--timestamp-source",
     )
-    world_frame: str | None = setting(
+    world_frame: str | None = option_setting(
         None,
-        "Frame of a bag that is the world: z up, the ground at 0.",
-        option="--world-frame",
+        "Coordinate frame (tf) of a bag that is the world: z up, the ground at 0.",
         metavar="FRAME",
         nothing="the highest one in which the cameras are static",
     )
-    camera_axes: str | None = setting(
+    camera_axes: str | None = option_setting(
         None,
         "Axes of the camera frames of a bag: optical (x right, y down, z forward) or of a body (x forward, z up).",
         choices=("optical", "body"),
-        option="--camera-axes",
         nothing="optical, unless z then points up",
     )
-    calibration_format: str = setting(
-        "auto", "Format of the calibration.", choices=CALIBRATIONS, option="--calibration-format"
-    )
-    calibration_unit: str | None = setting(
+    calibration_format: str = option_setting("auto", "Format of the calibration.", choices=CALIBRATIONS)
+    calibration_unit: str | None = option_setting(
         None,
         "Length unit of the calibration.",
         choices=("m", "cm", "mm"),
-        option="--calibration-unit",
         nothing="the format's own, or m",
     )
-    up: str | None = setting(
+    up: str | None = option_setting(
         None,
         "Vertical of the calibration's world; world and true positions are rotated to make it the z axis: `auto` (by "
         "the horizons of the cameras), a signed axis (`-y`), or X,Y,Z.",
-        option="--up",
         metavar="DIRECTION",
         nothing="z; a warning if it seems wrong",
     )
-    mirror: str | None = setting(
+    mirror: str | None = option_setting(
         None,
         "Axis that is negated in the calibration's world and the true positions, to convert a left-handed world, "
         "as of Unity and MultiviewX. The vertical (`up`) and the ground height are those of the calibration's own "
         "world.",
         choices=("x", "y", "z"),
-        option="--mirror",
         nothing="the world is right-handed",
     )
-    lens_model: str | None = setting(
+    lens_model: str | None = option_setting(
         None,
         "Lens of calibrations that have four coefficients and do not state the model: fisheye (k1 to k4, of "
         "cv2.fisheye) or brown (k1, k2, p1, p2).",
         choices=("brown", "fisheye"),
-        option="--lens-model",
-        nothing="as stated",
+        nothing="as stated; else refused, in TOML brown",
     )
-    ground_height: float | None = setting(
+    ground_height: float | None = option_setting(
         None,
-        "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
+        "Height of the ground along `up`, in the calibration's world [m]; it becomes z = 0. A wrong value shifts all "
         "positions of feet.",
         unit="m",
-        option="--ground-height",
         metavar="HEIGHT",
         nothing="0",
     )
-    allow_uncalibrated: bool = setting(
+    allow_uncalibrated: bool = option_setting(
         False,
         "Accept cameras without calibration too; they give no bearings.",
-        option="--allow-uncalibrated",
         shown="refused",
     )
-    first_number: int | None = setting(
+    first_number: int | None = option_setting(
         None,
         "Number that the first frame of a video has in names of images and in tables; it is subtracted from all.",
         at_least=0,
-        option="--first-number",
         nothing="lowest image; 0 in tables",
     )
-    truth_first_number: int | None = setting(
+    truth_first_number: int | None = option_setting(
         None,
-        "Number that the first frame of a video has in the ground truth, if it is another than in tables of boxes.",
+        "Number that the first frame of a video has in the ground truth, if it is another "
+        "than in tables of boxes; it is subtracted.",
         at_least=0,
-        option="--truth-first-number",
         nothing="as in tables of boxes",
     )
-    store: str | None = setting(
+    store: str | None = option_setting(
         None,
         "Storage of frames in the recording: converted to jpeg or png; or link: only their times, and a link to the "
         "video file.",
         choices=("jpeg", "png", "link"),
-        option="--store",
         nothing="PNG and JPEG files as they are, all else as jpeg",
     )
-    jpeg_quality: int = setting(
-        95, "Quality of frames stored as JPEG.", at_least=1, at_most=100, option="--jpeg-quality"
+    jpeg_quality: int = option_setting(
+        95, "Quality of frames stored as JPEG: 1 (smallest files) to 100 (best).", at_least=1, at_most=100
     )
-    confidence_scale: float = setting(
-        1.0, "Divide the detector's confidences by this: 100 for percentages.", above=0, option="--confidence-scale"
+    confidence_scale: float = option_setting(
+        1.0, "Divide the detector's confidences by this: 100 for percentages.", above=0
     )
-    score_type: str = setting(
+    score_type: str = option_setting(
         "probability",
         "Confidences of a detector: a probability, after division by the scale; a logit, converted by the logistic "
         "function; or unknown.",
         choices=("probability", "logit", "unknown"),
-        option="--score-type",
     )
     classes: tuple[str, ...] = setting(
         (),
-        "Class of boxes to read, by number or name; boxes of others are skipped. May be repeated.",
+        "Class of boxes to read, by number or name; boxes of other classes are skipped. May be repeated.",
         repeat=True,
         option="--class",
         metavar="NAME",
         shown="the only one",
     )
-    ignore_extra_columns: bool = setting(
-        False, "Skip unknown columns of tables.", option="--ignore-extra-columns", shown="refused"
+    ignore_extra_columns: bool = option_setting(False, "Skip unknown columns of tables.", shown="refused")
+    truth_format: str = option_setting(
+        "auto",
+        "Format of --truth: csv, MOTChallenge (mot), CVAT, PETS (xml), caliscope, LOCATA, "
+        "WILDTRACK, VATIC or KITTI; `auto` recognises it.",
+        choices=TRUTHS,
     )
-    truth_format: str = setting("auto", "Format of the ground truth.", choices=TRUTHS, option="--truth-format")
-    doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
-    doa_unit: str | None = setting(
+    doa_format: str = option_setting("auto", "Format of the DOA logs.", choices=DOAS)
+    doa_unit: str | None = option_setting(
         None,
-        "Unit of angles in columns without a unit in their name.",
+        "Unit of angles in columns of DOA logs without a unit in their name.",
         choices=("deg", "rad"),
-        option="--doa-unit",
         nothing="the format's own",
     )
-    doa_convention: str | None = setting(
+    doa_convention: str | None = option_setting(
         None,
         "Azimuths in DOA logs: math, from +x towards +y; compass, clockwise from north (+y); array, from the array's "
         "own x axis.",
         choices=("math", "compass", "array"),
-        option="--doa-convention",
         nothing="the format's own, or math",
     )
     odas_hop_s: str | None = setting(
         None,
-        "Time from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
+        "Time [s] from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
         unit="s",
         option="--odas-hop",
         metavar="SECONDS",
         nothing="needed for logs of ODAS, which count hops",
     )
-    doa_algorithm: str | None = setting(
+    doa_algorithm: str | None = option_setting(
         None,
         "Algorithm to read, if a log has the estimates of several.",
-        option="--doa-algorithm",
         nothing="a log must have one",
     )
 
@@ -549,7 +535,7 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
         try:
             chosen = read_pair(text, size=False)
         except UsageError as error:
-            raise UsageError(f"{option('frames')}: {error}") from None
+            raise UsageError(f"{option('frames')}: {error}") from error
         if name in own or (name is None and common is not None):
             raise UsageError(
                 f"{option('frames')} is given twice{f' for {name}' if name else ''}; keep one", id="conflicting-options"
@@ -574,10 +560,12 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
-            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}", id="camera-not-named")
+            raise UsageError(
+                f"{option(setting)} {path}: lacks the name of its camera; give CAMERA={path}", id="camera-not-named"
+            )
         if name in out:
             raise UsageError(
-                f"{setting}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
+                f"{option(setting)}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
             )
         out[name] = path
     return out

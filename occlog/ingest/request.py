@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from occlog.request import Request, group, output_file, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .plan import IngestPlan, frames_of
 
 
-def _several(help_text: str, option: str, metavar: str) -> Any:
+def _several(help_text: str, metavar: str) -> Any:
     """Declare a repeatable option with values `NAME=VALUE` or `VALUE`, where NAME is a sensor; default: none.
 
-    `help_text`, `option` and `metavar` are its help, its spelling and the placeholder of its value.
+    `help_text` and `metavar` are its help and the placeholder of its value.
     """
-    return setting((), help_text, option=option, metavar=metavar, repeat=True, whole=True, shown="")
+    return option_setting((), help_text, metavar=metavar, repeat=True, whole=True, shown="")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,86 +57,106 @@ class IngestRequest(Request):
     )
     output: Path = output_file("Recording (MCAP).")
     topic: tuple[str, ...] = _several(
-        "Topic of a bag: images, calibration or boxes of camera NAME, directions of array NAME, or true positions "
-        "of target number NAME.",
-        "--topic",
+        "Topic of a bag to read as NAME: images, calibration or boxes of camera NAME, "
+        "directions of array NAME, or true positions of target number NAME; may be repeated.",
         "NAME=TOPIC",
     )
-    topics: tuple[Path, ...] = source("Topics in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
-    video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
+    topics: tuple[Path, ...] = source(
+        "YAML file with lines `NAME: TOPIC`, each as of --topic.", there=False, metavar="FILE"
+    )
+    video: tuple[str, ...] = _several("Video file of a camera, CAM=FILE; may be repeated.", "CAM=FILE")
     images: tuple[str, ...] = _several(
-        "Images of a camera, in natural order of their names: img2 before img10.", "--images", "CAM=FOLDER"
+        "Folder with the images of a camera, read in natural order of their names: img2 before img10; may be repeated.",
+        "CAM=FOLDER",
     )
     boxes: tuple[str, ...] = _several(
-        "Boxes: CSV, JSON (COCO, supervision, Ultralytics), MOTChallenge text, or a folder of YOLO text.",
-        "--boxes",
+        "Boxes: CSV (frame, left, top, width, height [px]; camera, confidence), JSON (COCO, supervision, "
+        "Ultralytics), MOTChallenge text, or a folder of YOLO text; may be repeated.",
         "[CAM=]PATH",
     )
-    mot: tuple[str, ...] = _several("MOTChallenge detections; same as --boxes.", "--mot", "CAM=FILE")
+    mot: tuple[str, ...] = _several(
+        "MOTChallenge detections (det.txt) of a camera; same as --boxes CAM=FILE.", "CAM=FILE"
+    )
     positions: tuple[str, ...] = _several(
-        "Positions on the ground that a detector reports (network for the ground plane, lidar, radar): CSV, Parquet, "
-        "or the text of MVDet and MVDeTr.",
-        "--positions",
+        "Positions on the ground that a detector reports (network for the ground plane, "
+        "lidar, radar): CSV or Parquet (time or frame, x, y in the scene's unit, ...), or "
+        "the text of MVDet and MVDeTr; may be repeated.",
         "[SOURCE=]FILE",
     )
-    grid: str | None = setting(
+    grid: str | None = option_setting(
         None,
-        "Grid of positions that are counted in cells: size of a cell, and position of cell (0, 0); 0.025,-3,-9 is "
-        "WILDTRACK's, 0.025,0,0 MultiviewX's.",
-        option="--grid",
+        "Grid of positions given as numbers of cells: size of a cell, and position of cell (0, 0), in the scene's "
+        "unit; in metres 0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's.",
         metavar="SIZE,X,Y",
         shown="positions are lengths",
     )
-    doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
-    reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
-    truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
+    doa: tuple[str, ...] = _several(
+        "Log of directions of arrival: CSV (time, azimuth_deg, ...), or of FRIDA, telemetr or ODAS; may be repeated.",
+        "[ARRAY=]FILE",
+    )
+    reads: tuple[Path, ...] = source(
+        "Log of tag reads of fixed readers: a CSV table time [s], reader, tag, and perhaps "
+        "rssi [dBm]; may be repeated.",
+        there=False,
+        metavar="FILE",
+    )
+    truth: tuple[str, ...] = _several(
+        "Ground truth of targets in a format of --truth-format: positions (CSV: time or "
+        "frame, id, x, y) or boxes; may be repeated.",
+        "[CAM=]FILE",
+    )
     timestamps: tuple[str, ...] = _several(
-        "Times of the frames: one per line, or columns time, frame, camera. They take precedence over any other "
-        "source.",
-        "--timestamps",
+        "Times of the frames: text with one per line [s], or columns time [s] (or t_ms, "
+        "t_ns), frame, camera. They take precedence over any other source.",
         "[CAM=]FILE",
     )
     calibration: tuple[Path, ...] = source(
-        "Calibration of the cameras: intrinsics and extrinsics.", there=False, metavar="FILE"
+        "Calibration of the cameras, intrinsics and extrinsics: a file or folder in a format of --calibration-format; "
+        "may be repeated.",
+        there=False,
+        metavar="FILE",
     )
-    image_size: tuple[int, int] | None = setting(
+    image_size: tuple[int, int] | None = option_setting(
         None,
-        "Width and height of the images [px], where the calibration states none; a calibration that states others is "
+        "Width and height of the images [px], where the calibration states none; a calibration of another size is "
         "scaled to them.",
-        option="--image-size",
         metavar="WxH",
         size=True,
         shown="",
     )
     scene: Path | None = source(
-        "Scene with room, occluders, arrays and further cameras; a camera that the calibration has too is refused.",
+        "Scene file (YAML), or a recording, with room, occluders, microphone arrays and "
+        "further cameras; a camera that the calibration has too is refused.",
         there=False,
         scene=True,
     )
     arrays: tuple[str, ...] = _several(
-        "Positions of direction finders, or of the microphones of one array.", "--arrays", "[NAME=]FILE"
+        "Positions [m]: a table name,x,y of arrays or direction finders, or x,y,z of the microphones of one array, "
+        "then called NAME; may be repeated.",
+        "[NAME=]FILE",
     )
-    readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
+    readers: Path | None = source(
+        "Tag readers: a CSV table reader, x, y, and perhaps z, range (of reading) in the "
+        "scene's unit, and power [dBm] at 1 m.",
+        there=False,
+        metavar="FILE",
+    )
     start_time: tuple[str, ...] = _several(
-        "Date and time (ISO 8601, UTC) or seconds since 1970 of time 0 of the inputs; it is added to their times. "
-        "[default: 0]",
-        "--start-time",
+        "Date and time (ISO 8601, UTC) or seconds since 1970 of time 0 of the inputs; it is "
+        "added to all their times but those of --truth. [default: 0]",
         "[CAM=]TIME",
     )
     clock_offset: tuple[str, ...] = _several(
         "Clock offset, added to the times of a sensor: cam2=-0.4s for a clock that is 0.4 s ahead.",
-        "--clock-offset",
         "SENSOR=SECONDS",
     )
     fps: tuple[str, ...] = _several(
         "Frames per second, where --timestamps gives no times; replaces the time stamps of a video file.",
-        "--fps",
         "[CAM=]RATE",
     )
     frames: tuple[str, ...] = _several(
-        "Only frames A <= number < B, and true positions of their times. A frame of this range without a row in "
-        "--boxes is one without a detection; if the frame numbers of a file have a step, only those in its step.",
-        "--frames",
+        "Only frames A <= number < B, and true positions of their times. Frames of this range without a row in "
+        "--boxes count as frames without a detection (of a file with every n-th frame number, only these).",
         "[CAM=]A:B",
     )
     settings: Mapping[str, object] = group(lambda: IngestPlan)

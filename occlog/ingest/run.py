@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.console.notes import note_findings
 from occlog.console.text import counted
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import Provenance, hash_file
@@ -398,8 +398,8 @@ def _write_positions(
         for source in log.sources:
             if source in taken:
                 raise UsageError(
-                    f"{path}: its source is called {source!r}, as is {taken[source]}; give it another name, "
-                    f"NAME={path.name}",
+                    f"{path}: positions of source {source!r} are also in {taken[source]}; give them another name: "
+                    f"{option('positions')} NAME={path.name}",
                     id="duplicate-name",
                 )
             taken[source] = f"that of {path.name}"
@@ -475,8 +475,8 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
     for tag, target in log.tags.items():
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
             raise InputError(
-                f"{path}: tag {tag} would get the number {target} of another tag in earlier logs; "
-                "join the logs into one",
+                f"{path}: tag {tag} is target {target}, but an earlier log gives this tag or this number to "
+                f"another; join the logs of {option('reads')} into one",
                 id="duplicate-name",
             )
 

@@ -148,7 +148,7 @@ def read_up(text: str) -> Floats:
     except ValueError:
         found = np.zeros(0)
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
-        raise UsageError(f"up: {text!r}: expected auto, an axis with its sign (for example -y), or X,Y,Z")
+        raise UsageError(f"{option('up')} {text}: expected auto, an axis with its sign (for example -y), or X,Y,Z")
     return found
 
 
@@ -248,7 +248,8 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
         return _scaled(camera, size, np.ones(2), np.zeros(2))
     if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
         raise InputError(
-            f"{change}: another aspect ratio; give the calibration of this video, or frames of its size",
+            f"camera {camera.name}: frames of {size[0]} x {size[1]} px differ in aspect ratio from the calibration "
+            f"({int(old[0])} x {int(old[1])}); give the calibration of these frames, or frames of its size",
             id="image-size-mismatch",
         )
     note(f"{change}: assumed to be scaled by {scale:.4g}")
@@ -306,7 +307,8 @@ def add_bag_cameras(
         return IngestScene(scene, None, world_checks((), None, ground_stated=False))
     if scene.length_unit != "m":
         raise InputError(
-            f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m", id="unit-mismatch"
+            f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m; convert the scene to m",
+            id="unit-mismatch",
         )
     note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
     turn = find_turn(cameras, plan.up, plan.ground_height, note, plan.mirror)
@@ -391,7 +393,7 @@ def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
     """UsageError if a reader of the table has the name of another sensor; `names` are those of all sensors."""
     if plan.readers is not None and (double := first_double(names)) is not None:
         raise UsageError(
-            f"{plan.readers}: reader {double} has the name of another sensor; names must differ", id="duplicate-name"
+            f"{plan.readers}: reader {double} has the name of another sensor; rename one of them", id="duplicate-name"
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints, Strings, Uints
 from occlog.console.text import counted
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate
 from occlog.io.files.timing.times import parse_start_time, read_sidecar
 from occlog.io.formats.boxes.rows import fingerprints
@@ -87,7 +87,9 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
             raise UsageError(
-                f"camera {name}: has both time stamps and a frame rate; give one", id="conflicting-options"
+                f"camera {name}: has both time stamps ({option('timestamps')}) and a frame rate ({option('fps')}); "
+                "give one",
+                id="conflicting-options",
             )
         return sidecar_times(*sidecars[name], start_of(plan, name))
     return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None

@@ -137,7 +137,8 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
         twice = [each for each, count in Counter([RECORDING.name, *schema.names]).items() if count > 1]
         if twice:
             raise InputError(
-                f"{part}: column {twice[0]} would occur twice; process its recording again", id="damaged-file"
+                f"{part}: column {twice[0]} would occur twice in the dataset; process its recording again",
+                id="damaged-file",
             )
         for field in schema:
             known = fields.setdefault(field.name, field)

@@ -150,7 +150,7 @@ class Opened:
                 try:
                     best_fit(self.external_table.source, tables)
                 except InputError as error:
-                    raise InputError(f"{error}; with its present columns it is read as {self.table}") from None
+                    raise InputError(f"{error}; with its present columns it is read as {self.table}") from error
             return
         names = [t.NAME for t in tables]
         if self.recording is None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from occlog.errors import UsageError
+from occlog.errors import UsageError, did_you_mean
 from occlog.papers.ercan import baselines, joint_states, selection, speed, square
 from occlog.papers.ercan import recorded as recorded_figures
 from occlog.papers.ercan import selection as selection_period
@@ -183,10 +182,8 @@ def choose(
     known = {e.item: e for e in (*PAPERS[paper], *recorded)}
     for item in items:
         if item not in known:
-            near = difflib.get_close_matches(item, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else ""
             raise UsageError(
-                f"{paper} has no experiment {item!r}; {hint or 'it has: ' + ', '.join(known)}", id="unknown-name"
+                f"{paper} has no experiment {item!r}; {did_you_mean(item, known, 'it has:')}", id="unknown-name"
             )
     return [e for e in known.values() if everything or e.item in items]
 

@@ -28,19 +28,26 @@ class PlanConfig(Settings):
     )
     density: float = option_setting(
         0.0,
-        "People other than the target per square unit of the floor, where their number is not given.",
+        "People other than the target per square metre (or squared scene unit) of the floor, "
+        "where their number is not given.",
         at_least=0,
         metavar="NUMBER",
     )
     person_diameter: float = like(WorldConfig, "diameter", "Diameter of a person.")
     height: float | None = option_setting(
         None,
-        "Height of people who occlude the target from cameras of known height.",
+        "Height, in the scene's unit, of people who occlude the target from cameras of known height.",
         unit="length",
         above=0,
         nothing="no camera sees over them, as in `occlog simulate`",
     )
-    target_height: float = option_setting(0.0, "Height of the target.", unit="length", at_least=0, people=0.9)
+    target_height: float = option_setting(
+        0.0,
+        "Height above the ground of the point of the target that sensors measure.",
+        unit="length",
+        at_least=0,
+        people=0.9,
+    )
     speed: float = like(WorldConfig, "speed", "Speed of target and people.")
     process_noise_position: float = like(
         WorldConfig,
@@ -96,7 +103,7 @@ class PlanConfig(Settings):
     )
     max_expected_error: float | None = option_setting(
         None,
-        "Report the share of the floor with an expected error below this.",
+        "Report the share of the floor with an expected RMS error below this, in the scene's unit.",
         unit="length",
         above=0,
         nothing="not reported",

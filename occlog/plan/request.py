@@ -32,7 +32,11 @@ class PlanRequest(Request):
     RUN: ClassVar[str] = "occlog.plan.run:run_plan"
 
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
-    output: Path | None = sink("The map (Parquet).", "plan", option="-o/--output")
+    output: Path | None = sink(
+        "Map of the expected error and of the sensors that see the target, by position (Parquet).",
+        "plan",
+        option="-o/--output",
+    )
     picture: Path | None = sink("Draw the map (PNG or SVG, by the name).")
     report: Path | None = sink("Write a page with map, metrics and rankings (HTML).")
     candidates: Path | None = source(
@@ -47,7 +51,8 @@ class PlanRequest(Request):
     )
     spacing: float | None = option_setting(
         None,
-        "Maximum spacing of positions along a wall. [default: a sixteenth of the length of all walls]",
+        "Maximum spacing of positions along a wall, in the scene's unit. [default: a "
+        "sixteenth of the length of all walls]",
         unit="length",
         above=0,
         shown="",
@@ -63,7 +68,9 @@ class PlanRequest(Request):
         False, "Rank the scene's own sensors by how little the error grows without them.", shown=""
     )
     paths: Path | None = source(
-        "Tracks, or a recording with truth: weights the floor by the positions of these people.", metavar="FILE"
+        "Tracks, or a recording with truth: errors are averaged over the floor with the "
+        "density of these people as weight. [default: all positions alike]",
+        metavar="FILE",
     )
     settings: Mapping[str, object] = group(lambda: PlanConfig, example="settling_s=12")
     seed: int = seed_of_all()

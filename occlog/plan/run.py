@@ -147,7 +147,8 @@ def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss,
     opened = open_input(path, Tracks, Truth)
     if opened.length_unit not in (None, scene.length_unit):
         raise InputError(
-            f"{path}: lengths are in {opened.length_unit}, but the scene's in {scene.length_unit}", id="unit-mismatch"
+            f"{path}: lengths are in {opened.length_unit}, but the scene's in {scene.length_unit}; use the same unit",
+            id="unit-mismatch",
         )
     if opened.has(Truth):
         truth = opened.read(Truth)

@@ -25,7 +25,7 @@ def bounded_ns(t_ns: int) -> int:
     """Return a time or length of time `t_ns` [ns] from a file unchanged; ValueError if it is beyond +-`MAX_NS`."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
-        raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
+        raise ValueError(f"its time of {far} is out of range (years 1823 to 2116); check its unit")
     return t_ns
 
 
@@ -90,18 +90,23 @@ class Column:
         return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.dtype.kind == "i" else (0, (1 << bits) - 1)
 
 
-def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Dataclass field that declares a table column; an `optional` one without values is NaN, "" or, for integers, -1.
+KINDS = {"Floats": "f8", "Floats32": "f4", "Ints": "i8", "Ints32": "i4", "Bools": "?", "Strings": "U"}
+"""NumPy kind of a column by the name of the array type it is declared with."""
+
+
+def column(doc: str, unit: str = "1", *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
+    """Dataclass field that declares a table column; its array type (`Floats`, `Strings`, ...) gives the NumPy kind.
+
+    An `optional` column without values is NaN, "" or, for integers, -1.
 
     Args:
-        kind: NumPy type, as `f8`, `i4`, `U` (text).
-        unit: for example `px`, `rad`, `m`; `1`: none.
         doc: meaning of the values, without a capital.
+        unit: for example `px`, `rad`, `m`; `1`: none.
         nan: meaning of NaN; None: NaN is not allowed.
         width: numbers in each row; 0: one, `ANY_WIDTH`: as many as the file has.
         optional: files may lack it.
     """
-    metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
+    metadata = {"unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
@@ -127,13 +132,27 @@ class ColumnTable:
             if c.optional and getattr(self, c.name) is None:
                 object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for all other code
         check_columns(self)
+        check_order(self)
         self.check()
 
     def check(self) -> None:
         """Raise InputError if values contradict each other; does nothing here, tables override it.
 
-        Called by the constructor after types, shapes, ranges and NaN of all columns have been checked.
+        Called by the constructor after types, shapes, ranges and NaN of all columns and the order of times have been
+        checked.
         """
+
+    def refuse(self, wrong: Bools, fault: str) -> None:
+        """Raise InputError if a row is wrong: with the table's name, the index of the first such row, and the fault.
+
+        Args:
+            wrong: (n,) mask of the rows at fault.
+            fault: text in which `{NAME}`, or `{NAME:g}`, is the row's value in the column NAME.
+        """
+        if wrong.any():
+            row = first_row(wrong)
+            values = {c.name: getattr(self, c.name)[row].tolist() for c in self.columns()}
+            raise InputError(f"{type(self).__name__}: row {row}: {fault.format(**values)}")
 
     def __len__(self) -> int:
         return len(getattr(self, "t_ns"))  # noqa: B009
@@ -142,7 +161,7 @@ class ColumnTable:
     @functools.cache
     def columns(cls) -> tuple[Column, ...]:
         """The declared columns, in file order."""
-        return tuple(Column(f.name, **f.metadata) for f in fields(cls))  # type: ignore[arg-type]
+        return tuple(Column(f.name, KINDS[str(f.type)], **f.metadata) for f in fields(cls))  # type: ignore[arg-type]
 
     @classmethod
     def empty(cls) -> Self:
@@ -221,7 +240,7 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
         raise InputError(
-            f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must have one length",
+            f"column {c.name}: vectors of {length} and of {others[0]} numbers in one table; all must have one length",
             id="incompatible-inputs",
         )
     return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])
@@ -238,13 +257,15 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
     if c.kind == "U":
         return array.astype(np.str_)
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
-        raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
+        raise InputError(
+            f"column {c.name}: has floating-point numbers, but integers ({c.kind}) are declared; convert them"
+        )
     if array.dtype.kind in "iu" and c.dtype.kind in "iu" and array.dtype != c.dtype:
         low, high = c.limits
         bad = (array < low) | (array > high)
         if bad.any():  # a cast would make other numbers of them
             row = int(np.argwhere(bad)[0, 0])
-            raise InputError(f"{c.name}: row {row}: {array[row]} must be {low} to {high}")
+            raise InputError(f"column {c.name}: row {row}: {array[row]} must be {low} to {high}")
     return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
 
 
@@ -273,11 +294,15 @@ def check_columns(record: ColumnTable) -> None:
         fits = values.ndim == 2 if c.width == ANY_WIDTH else values.shape[1:] == ((c.width,) if c.width else ())
         if not ok or not fits:
             raise InputError(
-                f"{name}.{c.name}: expected {c.kind} of width {c.width}, got {values.dtype} {values.shape}"
+                f"{name}.{c.name}: expected {c.kind} with {c.width} numbers a row (0: a scalar, -1: any number), "
+                f"got {values.dtype} {values.shape}"
             )
         length = len(values) if length is None else length
         if len(values) != length:
-            raise InputError(f"{name}.{c.name}: {len(values)} rows, expected {length}")
+            raise InputError(
+                f"{name}.{c.name}: has {len(values)} rows, but the first column {length}; columns must have equal "
+                "lengths"
+            )
         if values.dtype.kind == "f":
             _check_finite(name, c, values)
         elif c.unit == "ns" and values.size:
@@ -302,9 +327,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
             bounded_ns(int(extreme))
         except ValueError as error:
             row = int(np.argwhere(values == extreme)[0, 0])
-            raise InputError(
-                f"{name}.{c.name}: row {row}: {error}; expected ns since 1970", id="time-out-of-range"
-            ) from None
+            raise InputError(f"{name}.{c.name}: row {row}: {error} (ns since 1970)", id="time-out-of-range") from None
 
 
 def check_order(table: ColumnTable) -> None:

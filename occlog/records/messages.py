@@ -66,11 +66,13 @@ def listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
-_MEET = "{now:.0%} of estimates and targets match within {gate:g} {unit}; {met:.0%} would with {change} (of the tracks)"
+_MEET = "{now:.0%} match within {gate:g} {unit}, {met:.0%} after changing the tracks: {change}"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
-        N, "no target was found, and the tracks are empty", "check detections, calibration and track initiation"
+        N,
+        "no target was found, and the tracks are empty",
+        "check detections, calibration and the settings of track initiation",
     ),
     "particles-depleted": Message(
         W,
@@ -81,7 +83,7 @@ VERDICT: dict[str, Message] = {
     "track-loss": Message(
         W,
         "the target was lost and the filter restarted in {count} of {rows} rows (allowed: {allowed:.0%})",
-        "check the motion, the noise and the labels",
+        "check the motion model, the noises and the labels",
     ),
     "gaps": Message(
         W,
@@ -111,7 +113,7 @@ VERDICT: dict[str, Message] = {
     "out-of-view": Message(
         W,
         _ROWS + "the estimate is outside the view of the sensors that detect the target",
-        "check calibration, region and labels",
+        "check the calibration, the region and the labels",
     ),
     "undetected-in-view": Message(
         W,
@@ -121,7 +123,7 @@ VERDICT: dict[str, Message] = {
     "inconsistent-sensor": Message(
         W,
         _ROWS + "most measurements of one sensor in the last second are rejected",
-        "check its clock, pose and labels (see the residuals)",
+        "check its clock, pose, labels (occlog track --residuals)",
     ),
     "few-inliers": Message(W, _ROWS + "fewer than half of the bearings are accepted", "check poses, clocks and labels"),
     "unverified": Message(
@@ -136,13 +138,19 @@ VERDICT: dict[str, Message] = {
     ),
     "infeasible-constraints": Message(
         W,
-        _ROWS + "no position fulfils all constraints, and the measurements there were omitted",
-        "check poses and labels",
+        _ROWS + "no position fulfils all constraints; the measurements there were omitted",
+        "check the poses of the sensors and the labels",
     ),
     "no-path": Message(
-        W, _ROWS + "no path around a wall was found", "insert more states: give a smaller max_state_gap_s"
+        W,
+        _ROWS + "no path around a wall was found",
+        "give a smaller max_state_gap_s, for more states",
     ),
-    "not-converged": Message(W, _ROWS + "the search did not converge", "give a larger max_iterations"),
+    "not-converged": Message(
+        W,
+        _ROWS + "the search for the trajectory did not converge",
+        "give a larger max_iterations",
+    ),
     "unobservable": Message(
         N, _ROWS + "the measurements do not determine the position, so its covariance is large", "add sensors"
     ),
@@ -159,8 +167,8 @@ VERDICT: dict[str, Message] = {
     ),
     "no-matching-region": Message(
         W,
-        _ROWS + "no position is in range of just the readers that read the tag",
-        "check or fit the ranges (occlog fit-readers)",
+        _ROWS + "no position is in range of exactly the readers that read the tag",
+        "check or fit their ranges (occlog fit-readers)",
     ),
     "reads-unexplained": Message(
         W,
@@ -191,20 +199,21 @@ VERDICT: dict[str, Message] = {
     ),
     "process-noise-small": Message(
         W,
-        "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.1f} times)",
+        "target {targets} moves {factor:.1f} times as irregularly as the process noise states (allowed: "
+        "{allowed:.1f} times)",
         "state a larger {setting}",
     ),
     "labels-exchanged": Message(
         W,
         "bearings of targets {targets} have exchanged labels (target_id) from {begin_s:.4g} s to {until} {where} "
-        "({done})",
+        "(here {done})",
         "check the labels; {option[keep_labels]} keeps them",
     ),
     "sensor-turned": Message(
         W,
         "bearings of {sensors} are {size:+.2g} +- {error:.1g} degrees off those of the other sensors (allowed: "
         "{allowed:.1g}){rivals}",
-        "subtract this from its yaw, or calibrate",
+        "subtract it from its yaw, or use occlog calibrate",
     ),
     "sensor-late": Message(
         W,
@@ -214,7 +223,7 @@ VERDICT: dict[str, Message] = {
     "range-bias": Message(
         W,
         "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
-        "use occlog track --method map --range-bias, or correct the ranges",
+        "use occlog track --method map --range-bias, or subtract it from them",
     ),
     "outliers": Message(
         W,
@@ -225,7 +234,7 @@ VERDICT: dict[str, Message] = {
         W,
         "bearings with target_id {targets} jump by {distance:.3g} {unit} at {at_s:.4g} s ({count} jumps): {speed:.3g} "
         "{unit}/s (allowed: {allowed:.3g})",
-        "check if another target got the label, and the clocks",
+        "check the clocks, and whether another target got the label",
     ),
     "outside-room": Message(
         W,
@@ -239,13 +248,14 @@ VERDICT: dict[str, Message] = {
     ),
     "several-targets": Message(
         W,
-        "of {candidates:.1f} candidates a frame in {sensors}, {unassociated:.1f} persist near no track: more targets?",
+        "of {candidates:.1f} candidates a frame in {sensors}, {unassociated:.1f} persist near no track, as of "
+        "further targets",
         "use method jipda, label candidates, or give {option[start]}",
     ),
     "compass": Message(
         W,
-        "bearings fit to {misfit_deg:.2g} degrees if taken clockwise from north, but to {given_deg:.2g} as given",
-        "name the column compass_deg, or ingest as compass",
+        "bearings seem to be clockwise from north (compass): misfit {misfit_deg:.2g} degrees, as given {given_deg:.2g}",
+        "name the column compass_deg, or give ingest --doa-convention compass",
     ),
     "measurement-noise-small": Message(
         N,
@@ -254,7 +264,11 @@ VERDICT: dict[str, Message] = {
         "give their true standard deviations",
     ),
     # Estimates against the truth
-    "no-covariance": Message(N, "estimates have no covariance: errors and residuals are not checked against it"),
+    "no-covariance": Message(
+        N,
+        "estimates have no covariance, so that errors and residuals are not compared with it",
+        "give tracks with cov_xx, cov_xy and cov_yy",
+    ),
     "truth-of-another-target": Message(
         W,
         "the bearings agree with the tracks (NIS {nis_of_tracks:.2g}), not with the truth (NIS {nis:.2g}, allowed: "
@@ -265,40 +279,59 @@ VERDICT: dict[str, Message] = {
         W,
         "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, without the delay "
         "{without:.3g} {unit}",
-        "check frame numbers and clocks, or process noise",
+        "check frame numbers, clocks and process noise",
     ),
-    "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
-    "times-in-days": Message(W, _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"),
-    "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
-    "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
-    "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
-    "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
+    "time-unit-differs": Message(
+        W,
+        "times of tracks and truth differ in unit: " + _MEET,
+        "state it in the column name (t_ms, t_us, t_ns)",
+    ),
+    "times-in-days": Message(
+        W, "times of the truth are in days: " + _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"
+    ),
+    "times-shifted": Message(
+        W, "times of tracks and truth differ by a shift: " + _MEET, "check first frame numbers, start times and clocks"
+    ),
+    "frame-rate-differs": Message(
+        W, "frame rates of tracks and truth differ: " + _MEET, "check the frame rates of both"
+    ),
+    "length-unit-differs": Message(
+        W,
+        "lengths of tracks and truth differ in unit: " + _MEET,
+        "state it in the column names (x_mm, x_cm)",
+    ),
+    "axes-differ": Message(
+        W,
+        "world axes of tracks and truth differ: " + _MEET,
+        "give the truth in the world of the scene",
+    ),
     "boxes-fit-if": Message(
         W,
-        "{now:.0%} of the tracks' boxes overlap a true one; {fit:.0%} would with {change}",
+        "boxes of tracks and truth differ: {now:.0%} overlap a true one, {fit:.0%} after changing the tracks: {change}",
         "check frame numbers, image size and columns of both",
     ),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
-        "use more particles, or state the noise",
+        "use more particles, or state more noise",
     ),
     "nees-large": Message(
         W,
         "the covariances are too small for the errors (mean NEES {nees:.3g}, allowed: {allowed:.0f}; {outside:.0%} "
         "outside of 95 %, allowed: {allowed_outside:.0%})",
-        "use more noise, check the truth",
+        "state more noise, check the truth",
     ),
     "nees-small": Message(
         N,
         "the covariances are too large: errors are {factor:.1f} times smaller (mean NEES {nees:.3g}, allowed: "
         "{allowed:.2g} and more)",
-        "state smaller noises",
+        "state less noise",
     ),
     "low-detection-rate": Message(
         W,
-        "only {share:.0%} of the visible targets are detected at their position (expected: {allowed:.0%} and more)",
-        "check targets, clocks and calibration",
+        "only {share:.0%} of the visible targets are detected at their true position (expected: {allowed:.0%} "
+        "and more)",
+        "check truth, clocks and calibration",
     ),
     "error-far-above-bound": Message(
         N,
@@ -306,11 +339,15 @@ VERDICT: dict[str, Message] = {
         "check the motion model of the bound ({option[motion]})",
     ),
     # Multi-camera tracks of people
-    "no-boxes": Message(N, "camera {sensors} has no box at any time"),
+    "no-boxes": Message(
+        N,
+        "camera {sensors} has no box at any time",
+        "check its name in the boxes, and whether a file of boxes is missing",
+    ),
     "boxes-duplicated": Message(
         W,
         "camera {sensors}: {count} of {boxes} boxes duplicate another one of the frame (allowed: {allowed:.0%})",
-        "they are skipped; check the detector",
+        "they are skipped; check the non-maximum suppression",
     ),
     "boxes-outside-image": Message(
         W,
@@ -334,7 +371,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-error": Message(
         W,
-        "by the boxes of several cameras {change}",
+        "{change}, by the boxes of several cameras",
         "correct the calibration or the times of this camera",
     ),
     "camera-gap": Message(
@@ -351,7 +388,7 @@ VERDICT: dict[str, Message] = {
     "camera-alone": Message(
         N,
         "camera {sensors} shares no person with another camera; {count} rows rest on it alone",
-        "check its pose if its view overlaps with others",
+        "check its pose if its view overlaps with that of another camera",
     ),
     "people-outside-room": Message(
         W,
@@ -359,7 +396,9 @@ VERDICT: dict[str, Message] = {
         "check the poses of these cameras, and the room of the scene",
     ),
     "camera-below-ground": Message(
-        W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"
+        W,
+        "camera {sensors} is below the ground (z < 0)",
+        "check the vertical and the ground height of the calibration (ingest --up, --ground-height)",
     ),
     "camera-inconsistent": Message(
         W,
@@ -369,24 +408,26 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-clock-offset": Message(
         W,
-        "camera {sensors} detects {share:.0%} of the people of others; it agrees with {correction} s added to times",
+        "camera {sensors}: its time stamps seem {offset} s too {sense}: it detects {share:.0%} of the people "
+        "that others detect",
         "ingest with --clock-offset {sensors}={correction}",
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: its time stamps are {offset} s too {sense} (allowed: {allowed:.1g}); corrected once found",
-        "ingest with --clock-offset {sensors}={correction} to correct all rows",
+        "camera {sensors}: its time stamps are {offset} s too {sense} (allowed: {allowed:.1g}); later rows are "
+        "corrected",
+        "ingest with --clock-offset {sensors}={correction} to correct all",
     ),
     "camera-clock-drift": Message(
         W,
-        "camera {sensors}: its clock drifts by about {ppm:+.0f} ppm (significant: {allowed:.0f}), {size} s in all",
+        "camera {sensors}: its clock gains {ppm:+.0f} ppm (minus: loses; significant: {allowed:.0f}), {size} s in all",
         "estimate the drift (occlog calibrate), and track with its scene",
     ),
     "camera-rotated": Message(
         W,
-        "camera {sensors} is rotated from its calibration by {yaw_deg:+.1f} deg about the vertical and "
-        "{pitch_deg:+.1f} deg about its horizontal axis; corrected once found",
-        "calibrate it again",
+        "camera {sensors} is rotated from its calibration by {yaw_deg:+.1f} deg about the vertical, "
+        "{pitch_deg:+.1f} deg about its horizontal axis; later rows are corrected",
+        "calibrate again",
     ),
     "camera-not-calibrated": Message(
         W,
@@ -395,20 +436,19 @@ VERDICT: dict[str, Message] = {
     ),
     "no-common-view": Message(
         N,
-        "no two cameras share a view: calibrated by {count} passages of one person at a time between views, with equal "
-        "clocks",
-        "check the floor plan",
+        "no two cameras share a view: poses are from {count} passages of one person between views, with equal clocks",
+        "compare the poses with a floor plan",
     ),
     "views-disagree": Message(
         W,
         "camera {sensors}: at most {share:.0%} of the people whom others place in its image have a box there (allowed: "
         "{allowed:.0%})",
-        "state rough poses, or record one person at a time",
+        "give rough poses, or record one person at a time",
     ),
     "levels-not-stated": Message(
         W,
-        "estimated camera heights or tilts: standard deviations may be 3 times too small",
-        "measure them for the scene; {option[set]} sigma_height=0.02 and sigma_tilt=0.2 (m, deg)",
+        "camera heights or tilts are estimated: standard deviations may be 3 times too small",
+        "measure them; {option[set]} sigma_height=0.02 (m), {option[set]} sigma_tilt=0.2 (deg)",
     ),
     "passages-ambiguous": Message(
         W,
@@ -422,7 +462,7 @@ VERDICT: dict[str, Message] = {
     ),
     "adjustment-not-converged": Message(
         W,
-        "the bundle adjustment did not converge in its number of steps",
+        "the bundle adjustment did not converge in its maximum number of iterations",
         "use a longer recording, or more rounds ({option[set]} rounds=4)",
     ),
     "camera-moved-far": Message(
@@ -438,7 +478,7 @@ VERDICT: dict[str, Message] = {
     "array-placed": Message(
         N,
         "microphone array {sensors} is {distance:.2g} m and {yaw_deg:+.3g} deg from its stated pose",
-        "track with the calibrated scene, which turns recorded directions by the difference",
+        "track with the calibrated scene, by which recorded directions are rotated, too",
     ),
     "array-not-calibrated": Message(
         W,
@@ -448,29 +488,29 @@ VERDICT: dict[str, Message] = {
     "lens-from-people": Message(
         N,
         "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people",
-        "calibrate it by a board ({option[board]} 9x6) if you can",
+        "calibrate it with a chessboard ({option[board]} 9x6) if you can",
     ),
     "board-coverage": Message(
         W,
         "camera {sensors}: the board was in {share:.0%} of the image (needed: {allowed:.0%}); elsewhere the lens "
-        "is not known",
-        "move the board to the borders and corners",
+        "distortion is unknown",
+        "record the board at the borders",
     ),
     "board-residual": Message(
         W,
-        "camera {sensors}: corners of the board are {residual:.2g} px off (allowed: {allowed:.2g})",
-        "hold a flat board still, and fix the focus",
+        "camera {sensors}: the reprojection error of the board's corners is {residual:.2g} px (allowed: {allowed:.2g})",
+        "record a flat board that is held still, with fixed focus",
     ),
     "clock-drift-found": Message(
         N,
-        "the times of camera {sensors} gain {ppm:+.1f} ppm (+- {sigma_ppm:.1f} ppm) on the others; the calibrated "
-        "scene holds this drift",
+        "the clock of camera {sensors} gains {ppm:+.1f} ppm (+- {sigma_ppm:.1f} ppm; minus: loses) on the "
+        "others; the calibrated scene holds this drift",
         "ingest again with this scene",
     ),
     "clock-drift-undetermined": Message(
         N,
         "the recording does not determine the drift of the clock of camera {sensors}, which is left at 0",
-        "use a longer recording where clocks drift",
+        "use a longer recording if clocks drift",
     ),
     "camera-times-disjoint": Message(
         W,
@@ -492,22 +532,23 @@ VERDICT: dict[str, Message] = {
         N,
         "all cameras share an error of position of {sigma:.2g} {unit} per axis that lasts {time_s:.2g} s; the "
         "covariances contain it",
-        "check body height and calibrations",
+        "check the person height and the calibrations",
     ),
     "static-clutter": Message(
         N,
         "camera {sensors}: static objects that are reported as people ({count}) are not tracked",
-        "mask pictures, statues and screens",
+        "mask pictures, statues and screens in the images",
     ),
     "speeds-high": Message(
         W,
-        "people move at {speed:.2g} {unit}/s ({which}; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
-        "second begin",
-        "check frame rate (ingest --fps) and unit of times",
+        "people are too fast: {speed:.2g} {unit}/s ({which}; limit {allowed:.2g}), and {births_per_s:.2g} tracks "
+        "a second begin",
+        "check the frame rate (ingest --fps) and the unit of times",
     ),
     "speeds-low": Message(
         W,
-        "in {count} of {of} legs of {leg:.2g} {unit} people are never faster than {allowed:.2g} {unit}/s",
+        "people are too slow: in {count} of {of} path sections of {leg:.2g} {unit} never faster than "
+        "{allowed:.2g} {unit}/s",
         "check the frame rate (ingest --fps) and the unit of times",
     ),
     "frame-numbers-sparse": Message(
@@ -519,7 +560,7 @@ VERDICT: dict[str, Message] = {
         W,
         "about {switches:.1f} possible identity switches at close encounters ({per_person:.2f} per person, a warning "
         "from {allowed:g})",
-        "see {option[events]}",
+        "see them in {option[events]}",
     ),
     # Tracks in images
     "no-view-tracks": Message(
@@ -528,15 +569,17 @@ VERDICT: dict[str, Message] = {
     "too-many-targets": Message(
         W,
         "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) are not all people",
-        "state the size (occlog detect --person-height-px), or give detector boxes",
+        "give the size of people (occlog detect --person-height-px), or boxes of a detector",
     ),
     "initial-ellipses-unused": Message(
-        N, "{count} of {given} first ellipses began no tracker: the video ends before them"
+        N,
+        "{count} of {given} first ellipses began no tracker: the video ends before them",
+        "check their times or frame numbers",
     ),
     "view-without-tracks": Message(
         N,
         "no first ellipse began a tracker in {sensors}: nothing is tracked there",
-        "give ellipses of it, or omit the view ({option[without]})",
+        "give ellipses of this view, or omit it ({option[without]})",
     ),
     "single-view": Message(
         N, "there is one view only, so other views cannot assist it: {option[method]} {method} {does}"
@@ -546,21 +589,37 @@ VERDICT: dict[str, Message] = {
         "no geometry links the views: {option[method]} {method} {does}",
         "give matrices ({option[fundamental]}) or poses",
     ),
-    "view-ends-early": Message(N, "view {sensors} ends {early_s:.3g} s before the others, after {frames} frames"),
+    "view-ends-early": Message(
+        N,
+        "view {sensors} ends {early_s:.3g} s before the others, after {frames} frames",
+        "check whether its video is complete",
+    ),
     "fundamental-misfit": Message(
         W,
         "views {sensors}: the fundamental matrix does not fit: in {share:.0%} of {checks} checks a target is off its "
         "epipolar line (median {median_px:.0f} px)",
         "give another ({option[fundamental]})",
     ),
-    "ground-single-view": Message(N, "{count} of {rows} positions are from a single view, at half a person's height"),
+    "ground-single-view": Message(
+        N,
+        "{count} of {rows} positions are from a single view, at half a person's height",
+        "to omit them: {option[set]} target_height=0",
+    ),
     "ground-inconsistent-views": Message(
-        N, "{count} of {rows} positions: the tracker of a view is on something else, and the covariance is inflated"
+        N,
+        "{count} of {rows} positions: the tracker of one view is on another object than those of the others; the "
+        "covariance is enlarged",
     ),
     "ground-possible-switch": Message(
-        N, "{count} of {rows} positions: a possible identity switch, which the covariance includes"
+        N,
+        "{count} of {rows} positions: a possible identity switch, which the covariance includes",
+        "such rows have quality_flags possible_switch",
     ),
-    "ground-single-view-targets": Message(N, "targets in a single view only, which may be false: {targets}"),
+    "ground-single-view-targets": Message(
+        N,
+        "targets in a single view only, which may be false: {targets}",
+        "compare them with the images",
+    ),
     "ground-views-disagree": Message(
         N,
         "positions of the views differ {factor:.1f} times as much as their covariances state",
@@ -575,32 +634,32 @@ VERDICT: dict[str, Message] = {
     "world-not-upright": Message(
         W,
         "the world of the calibration seems not to be upright: by the horizons up is {up}, {off_deg:.0f} deg from z",
-        "turn it (ingest --up {turn})",
+        "rotate it (ingest --up {turn})",
     ),
     "extrinsics-fit-if": Message(
         W,
-        "all cameras are upright and see one place if their extrinsics are {change}",
-        "correct the files of the calibration",
+        "convention of extrinsics: if they are {change}, all cameras are upright and see one place",
+        "correct the calibration",
     ),
     "camera-extrinsics-fit-if": Message(
         W,
-        "camera {sensors} is upright, above the ground and sees what the others see if its extrinsics are {change}",
+        "camera {sensors}: convention of its extrinsics: if they are {change}, it is upright and sees what others see",
         "correct its file of the calibration",
     ),
     "vertical-uncertain": Message(
         W,
-        "all cameras have the same viewing direction: the vertical is found under the assumption that their pitch is 0",
+        "the vertical is uncertain, as all cameras have the same viewing direction: their pitch is assumed to be 0",
         "state the vertical ({option[up]} X,Y,Z)",
     ),
     "camera-not-above-ground": Message(
         W,
         "camera {sensors} is not above the ground (the lowest has z = {lowest:.2f} {unit})",
-        "state the height of the ground along up, negative below the origin ({option[ground_height]})",
+        "state the height of the ground along up ({option[ground_height]}), negative below the origin",
     ),
     "calibration-keys-unused": Message(
         W,
-        "the calibration has keys that are not used: {keys}",
-        "where one changes the cameras, state it in another way",
+        "the calibration has keys that may change the cameras, but are not used: {keys}",
+        "if one of them does, give a calibration of another format",
     ),
     "calibration-keys-other": Message(
         N, "the calibration has further keys that are not used: {keys}", "check whether one of them changes the cameras"
@@ -608,30 +667,35 @@ VERDICT: dict[str, Message] = {
     "camera-distances-implausible": Message(
         W,
         "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",
-        "state its unit ({option[calibration_unit]}), or, if all have the same pose, calibrate their extrinsics",
+        "state the unit of the calibration ({option[calibration_unit]}), or, if all have one pose, calibrate "
+        "extrinsics",
     ),
     "principal-point-off": Message(
         W,
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
-        "check the image size that the matrix is of",
+        "check of which image size the camera matrix is",
     ),
     "distortion-missing": Message(
         W,
         "camera {sensors}: the calibration has no distortion, that of {other} with the same focal length has "
         "{offset_px:.0f} px at the border",
-        "add its coefficients",
+        "add its distortion coefficients",
     ),
     "focal-lengths-differ": Message(
         W,
         "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, which means pixels that are not square",
-        "check whether one row of the matrix is of images of another size",
+        "check whether one row of its matrix is of images of another size",
     ),
     "images-before-rotation": Message(
         W,
-        "camera {sensors}: rotation_count {turns} is not applied: the calibration is of images before they are turned",
-        "give images before the turn, or boxes of them",
+        "camera {sensors}: rotation_count {turns} is not applied: the calibration is of images before their rotation",
+        "give images before the rotation, or boxes of them",
     ),
-    "time-shifts-unused": Message(W, "timeshift_cam_imu differs between the cameras and is not used", "give {options}"),
+    "time-shifts-unused": Message(
+        W,
+        "timeshift_cam_imu of Kalibr differs between the cameras and is not used",
+        "give {options}",
+    ),
     "boxes-end-inside": Message(
         W, "boxes of every camera reach to {found} px, though images have {stated} px (factor {factor:.4g})", "{hint}"
     ),
@@ -653,23 +717,26 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-corners": Message(
         W,
-        "camera {sensors}: sizes of boxes seem to be right and lower edges (xyxy in place of xywh): {share:.0%} "
-        "end beyond its images",
+        "camera {sensors}: widths and heights of boxes seem to be right and lower edges (xyxy for xywh): "
+        "{share:.0%} end beyond its images",
         "name the columns right and bottom",
     ),
-    "rows-duplicated": Message(N, "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one"),
+    "rows-duplicated": Message(
+        N,
+        "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one",
+    ),
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
     "stamps-late": Message(
         W,
         "topic {topic}: recorded {low_s:.3g} to {high_s:.3g} s after its header stamps{cause}; the {used} are used",
-        "choose ({option[timestamp_source]} header or log)",
+        "choose the right ones ({option[timestamp_source]} header or log)",
     ),
     "stamps-since-boot": Message(
         W,
-        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another epoch{cause}; the {used} are "
-        "used",
-        "use the others ({option[timestamp_source]} header or log)",
+        "topic {topic}: header stamps count from another epoch: {low_s:.3g} s before recording{cause}; the "
+        "{used} are used",
+        "choose the right ones ({option[timestamp_source]} header or log)",
     ),
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
@@ -680,11 +747,11 @@ VERDICT: dict[str, Message] = {
     "clock-jump": Message(
         N,
         "{sensors}: its times jump by {jump_s:.6g} s at {time}{cause}",
-        "check whether its clock was set, or the recording interrupted",
+        "check whether its clock was set or the recording interrupted",
     ),
     "recorder-clock": Message(
         N,
-        "the times of recording {what}, against the header stamps of all topics",
+        "the clock of the recorder: times of recording {what}, against the header stamps of all topics",
         "use {option[timestamp_source]} header",
     ),
     "clock-offset": Message(
@@ -694,7 +761,7 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-drift": Message(
         W,
-        "{sensors}: its times gain {ppm:+.4g} ppm on {other}",
+        "{sensors}: its times gain {ppm:+.4g} ppm (minus: lose) on {other}",
         "check its clock and frame rate, or state the drift of its clock (drift_ppm) in a scene",
     ),
     "rate-implausible": Message(
@@ -705,31 +772,32 @@ VERDICT: dict[str, Message] = {
     "truth-rate-implausible": Message(
         W,
         "truth: {rate_hz:.3g} positions of a target a second (expected: up to {most:g})",
-        "check the unit of its times: days of Excel or MATLAB are no seconds",
+        "check the unit of its times, which must not be days of Excel or MATLAB",
     ),
     "time-stamps-unit": Message(
         W,
-        "{sensors}: the time from its first to its last time stamp is {ratio:.3g} times that of {other}",
+        "{sensors}: the unit of its times seems wrong: they span {ratio:.3g} times as much as those of {other}",
         "name their column after its unit (t_ms, t_s)",
     ),
     "pictures-turned": Message(
         N,
-        "camera {sensors}: its pictures are {how}, as the metadata of the file state",
-        "use a calibration of turned pictures",
+        "camera {sensors}: its images are {how}, as the metadata of the file state",
+        "use a calibration of images with this rotation",
     ),
     "pictures-not-turned": Message(
         N,
-        "camera {sensors}: its pictures are stored as coded, and not {how} as the metadata of the file state",
-        "use a calibration of pictures that are not turned",
+        "camera {sensors}: its images are stored as coded, and not {how} as the metadata of the file state",
+        "use a calibration of images without this rotation",
     ),
     "pixels-not-square": Message(
         N,
-        "camera {sensors}: its pixels are {across:g} wide to {down:g} high; the pictures are not stretched",
-        "use a calibration of pictures that are not stretched",
+        "camera {sensors}: its pixels are {across:g} wide to {down:g} high; the images are not stretched",
+        "use a calibration of images that are not stretched",
     ),
     "values-dim": Message(
         N,
-        "camera {sensors}: values of 16 bits up to about {most:.0f} of 65535 in its first picture, stored dark",
+        "camera {sensors}: its first image has 16-bit values up to about {most:.0f} of 65535, so images are "
+        "stored dark",
         "scale them to the whole range",
     ),
     "video-start": Message(
@@ -740,14 +808,12 @@ VERDICT: dict[str, Message] = {
     "camera-frozen": Message(
         W,
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
-        "omit them if its stream had stopped",
+        "if its stream had stopped, omit these frames",
     ),
-    "boxes-end-early": Message(
-        N, "camera {sensors}: its boxes end at frame {last} of {frames} of its pictures; {hint}"
-    ),
+    "boxes-end-early": Message(N, "camera {sensors}: its boxes end at frame {last} of {frames} of its images; {hint}"),
     "truth-times-disjoint": Message(
         W,
-        "the truth and the measurements have no time in common, {separation_s:.6g} s apart",
+        "the truth and the measurements have no time in common: they are {separation_s:.6g} s apart",
         "check start time, unit of times and clock",
     ),
     "no-detections": Message(
@@ -767,13 +833,13 @@ VERDICT: dict[str, Message] = {
     ),
     "target-never-detected": Message(
         W,
-        "never detected in {rows} frames: target {targets}",
+        "target {targets} is never detected in {rows} frames",
         "check that its appearance is from video of this kind (colour or grey), and {option[min_similarity]}",
     ),
     "background-used": Message(
         N,
-        "camera {sensors}: the network finds people in {found} of {frames} frames, and regions of their size move in "
-        "{moving}; background subtraction is used",
+        "camera {sensors}: the network finds people in {found} of {frames} frames, but regions of their size "
+        "move in {moving}; background subtraction is used instead",
     ),
     "static-detection": Message(
         N,
@@ -789,7 +855,7 @@ VERDICT: dict[str, Message] = {
     "microphone-interrupted": Message(
         W,
         "array {sensors}: microphone {microphones} falls silent: no level in {share:.0%} of the sound of the others",
-        "check its cable, or cut the recording before",
+        "check its cable, or cut the recording before that time",
     ),
     "microphones-identical": Message(
         W,
@@ -798,7 +864,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-late": Message(
         W,
-        "array {sensors}: microphone {microphones} is {samples} samples {side}, by the delays to the others",
+        "array {sensors}: microphone {microphones} is {samples} samples {side}, by its delays to the others",
         "record all channels with one clock, or shift the channel",
     ),
     "microphone-unrelated": Message(
@@ -808,24 +874,24 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-inverted": Message(
         W,
-        "array {sensors}: microphone {microphones} has the opposite sign of the others",
+        "array {sensors}: microphone {microphones} is inverted: it has the opposite sign of the others",
         "exchange the wires of its cable, or negate the channel",
     ),
     "microphones-exchanged": Message(
         W,
-        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
-        "exchanged",
+        "array {sensors}: microphones {microphones} seem exchanged: delays fit a plane wave only then (as given, "
+        "{misfit:.2g} samples off)",
         "check the order of the channels",
     ),
     "array-size-implausible": Message(
         W,
-        "array {sensors}: delays between microphones are {share:.2g} times the longest possible",
-        "check the unit of their positions and the sampling rate",
+        "array {sensors}: measured delays are {share:.2g} times the longest that its microphones' positions allow",
+        "check the unit of these positions and the sampling rate",
     ),
     "microphones-inconsistent": Message(
         W,
         "array {sensors}: delays are {misfit:.2g} samples off a plane wave, so that directions are wrong{cause}",
-        "check the order, clock and positions of the channels",
+        "check order, clock and microphone positions of the channels",
     ),
     "microphone-gain": Message(
         N,
@@ -839,21 +905,27 @@ VERDICT: dict[str, Message] = {
         "record at a lower gain",
     ),
     "no-directions": Message(
-        N, "array {sensors} has no direction: of {frames} frames {silent} are silent, {unsure} of low confidence"
+        N,
+        "array {sensors} has no direction: of {frames} frames {silent} are silent, {unsure} of low confidence",
+        "check levels and gain, or give a lower {option[min_confidence]}",
     ),
     "many-detections-rejected": Message(
         W,
         "camera {sensors}: {count} of {detections} detections contradict the other cameras (allowed: {allowed:.0%})",
         "check its pose, clock and labels",
     ),
-    "group-without-tracks": Message(N, "{file}: contains no people"),
+    "group-without-tracks": Message(
+        N,
+        "{file}: contains no tracks of people",
+        "track this group of cameras again, or omit its file",
+    ),
     "group-times-disjoint": Message(
         W, "{file}: has no time in common with the tracks of the camera groups before it", "check its clock"
     ),
     "group-without-common-targets": Message(
         W,
         "{file}: no person matches the tracks of the camera groups before it, in {steps} time steps",
-        "if they see the same positions, check poses and clocks",
+        "if both see the same positions, check poses and clocks",
     ),
     "group-misaligned": Message(
         W,
@@ -861,29 +933,68 @@ VERDICT: dict[str, Message] = {
         "(allowed: {allowed:.3g} {unit})",
         "check poses and clocks",
     ),
-    "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),
+    "recording-not-plausible": Message(
+        W,
+        "{recording}: {warning}",
+        "see its warnings in the table of runs",
+    ),
 }
 """Findings of verdicts by id."""
 _EACH_LATER = "increasing times"
 DOCTOR: dict[str, Message] = {
-    "unreadable": Message(E, "cannot be read"),
-    "unknown": Message(W, "not a file that occlog can read", "name a recording, a table, a scene or a video"),
-    "no-table": Message(N, "its columns are those of no table of occlog"),
-    "not-checked": Message(W, "not checked", "name the files, or a folder with fewer"),
-    "damaged-recording": Message(E, "damaged", "salvage it: occlog recover {file} -o OUT.mcap"),
+    "unreadable": Message(
+        E,
+        "cannot be read",
+    ),
+    "unknown": Message(
+        W,
+        "not a file that occlog can read",
+        "name a recording, a table, a scene or a video",
+    ),
+    "no-table": Message(
+        N,
+        "its columns are not those of an occlog table, so that its rows are not checked",
+    ),
+    "not-checked": Message(
+        W,
+        "not all files are checked",
+        "name the files, or a folder with fewer",
+    ),
+    "damaged-recording": Message(
+        E,
+        "the recording is damaged",
+        "salvage it: occlog recover {file} -o OUT.mcap",
+    ),
     "no-index": Message(
         N,
         "no index, or an incomplete one: each command rebuilds it in a pass through the file",
         "write one: occlog recover {file} -o OUT.mcap",
     ),
     "damaged-table": Message(E, "damaged rows"),
-    "damaged-bag": Message(W, "lost; `occlog ingest` lists it", "copy it again, if it is whole elsewhere"),
+    "damaged-bag": Message(
+        W,
+        "data of the bag are lost; `occlog ingest` lists them",
+        "copy the bag again, if it is whole elsewhere",
+    ),
     "message-count-mismatch": Message(N, "more messages than its metadata count; `occlog ingest` reads all"),
-    "message": Message(E, "a message that does not match its type", "make the recording again"),
-    "row": Message(E, "invalid row"),
+    "message": Message(
+        E,
+        "a message that does not match its type",
+        "record again, or make the file again from its source",
+    ),
+    "row": Message(
+        E,
+        "invalid row",
+        "correct the row, or remove it",
+    ),
     "duplicate-row": Message(E, "duplicate rows", "remove the copies", "once"),
     "two-positions": Message(E, "a person in two positions at one time", "keep one of them", "one row"),
-    "duplicate-key": Message(W, "rows that differ in values for one time and key", "keep one of them", "one row"),
+    "duplicate-key": Message(
+        W,
+        "rows of one key (time and identity) with different values",
+        "keep one of them",
+        "one row",
+    ),
     "order": Message(E, "a time before the preceding one", "sort by time", _EACH_LATER),
     "restart": Message(
         W,
@@ -891,7 +1002,12 @@ DOCTOR: dict[str, Message] = {
         "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
         _EACH_LATER,
     ),
-    "duplicate-time": Message(E, "a repeated time", "give each frame its own time", _EACH_LATER),
+    "duplicate-time": Message(
+        E,
+        "a time that repeats that of another frame",
+        "give each frame its own time",
+        _EACH_LATER,
+    ),
     "skipped-stamp": Message(
         W,
         "a header stamp that repeats or goes back, for which `occlog ingest` leaves the message out",
@@ -904,15 +1020,22 @@ DOCTOR: dict[str, Message] = {
         "copy the bag again from where it was recorded, or record again",
     ),
     "undecoded": Message(N, "messages of this topic were not decoded, and only their times of recording checked"),
-    "linked-video": Message(E, "its video cannot be used"),
+    "linked-video": Message(E, "its linked video cannot be used"),
     "image": Message(W, "an image that cannot be decoded", "its frame is lost; ingest the source again"),
     "video-frames": Message(W, "lost frames", "copy or repair the file"),
     "sound": Message(W, "lost samples", "copy or repair the file"),
     "variable-frame-rate": Message(
         N, "frames at uneven times", "keep its time stamps: give no frame rate (ingest --fps) for it"
     ),
-    "suspect": Message(W, "may be wrong"),
-    "losses": Message(N, "input that was lost when this file was made"),
+    "suspect": Message(
+        W,
+        "the calibration may be wrong",
+    ),
+    "losses": Message(
+        N,
+        "input that was lost when this file was made",
+        "if the source is whole elsewhere, make this file again",
+    ),
     "epoch-unit": Message(
         W, "times in another unit than stated", "name the column after its unit, or convert the times"
     ),
@@ -953,7 +1076,7 @@ DOCTOR: dict[str, Message] = {
     "frozen-camera": Message(
         W,
         "identical frames of a camera, while others go on",
-        "leave its frames of this time out if its stream had stopped",
+        "if its stream had stopped, omit these frames",
     ),
     "two-clocks": Message(
         W,

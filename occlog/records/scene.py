@@ -326,7 +326,8 @@ class Scene:
             return None
         if not self.cameras and not self.arrays:
             raise InputError(
-                "scene: neither a room nor a sensor defines where targets can be; add `room`", id="missing-value"
+                "scene: has neither a room nor a sensor, which would define where targets can be; add `room`",
+                id="missing-value",
             )
         return view_prior(self)
 
@@ -347,7 +348,8 @@ class Scene:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
             raise InputError(
-                "scene: neither a room nor a sensor defines where targets can be; add `room`", id="missing-value"
+                "scene: has neither a room nor a sensor, which would define where targets can be; add `room`",
+                id="missing-value",
             )
         (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

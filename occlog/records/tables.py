@@ -192,7 +192,8 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
             continue
         if held is not None and times(chunk)[0] < times(held)[-1]:
             raise InputError(
-                f"{chunk.NAME}: t_ns goes back between two chunks; sort the table by t_ns", id="unsorted-times"
+                f"{chunk.NAME}: t_ns goes back from {times(held)[-1]} to {times(chunk)[0]}; sort the table by t_ns",
+                id="unsorted-times",
             )
         rows = chunk if held is None else type(chunk).concat([held, chunk])
         cut = int(np.searchsorted(times(rows), times(rows)[-1]))
@@ -259,7 +260,7 @@ class TableBuffer(Generic[T]):
             first, last = int(times(chunk)[0]), int(times(chunk)[-1])
             if first < self.until:
                 raise InputError(
-                    f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns",
+                    f"{self._name}: t_ns goes back from {self.until} to {first}; sort the table by t_ns",
                     id="unsorted-times",
                 )
             self.rows = self._kind.concat([self.rows, chunk])

@@ -574,7 +574,8 @@ class _Reading:
         found = self._thin("tracks", given, watched())
         if (count := len(np.unique(found.table.target_id))) > MAX_DRAWN_TRACKS:
             raise InputError(
-                f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts",
+                f"report: {count} tracks; a page draws at most {MAX_DRAWN_TRACKS}; report on shorter parts of the "
+                "recording",
                 id="problem-too-large",
             )
         whole = found.whole

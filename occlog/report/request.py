@@ -42,12 +42,7 @@ class ReportRequestBase(Request):
     tracks: Path | None = source("Tracks, or a run folder.", argument=True, required=False)
     scene: Path | None = scene_file()
     truth: Path | None = source("True positions: a recording or a table.")
-    png: Path | None = sink(
-        PNG_HELP,
-        result="report",
-        suffix=".png",
-        asked="png",
-    )
+    png: Path | None = sink(PNG_HELP, result="report", suffix=".png", asked="png")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +101,7 @@ class OverlayRequest(ReportRequestBase):
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
-    png: Path | None = sink(
-        PNG_HELP,
-        result="frame",
-        suffix=".png",
-        asked="frame",
-    )
+    png: Path | None = sink(PNG_HELP, result="frame", suffix=".png", asked="frame")
     recording: Path = source("Recording with the video to draw over.", required=True)
     video: Path | None = sink(
         "Video to write: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi (Motion JPEG, "

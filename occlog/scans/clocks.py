@@ -18,7 +18,7 @@ CLOCKS = "clocks"
 RIGHT = Clock("")
 
 
-class ClockChange(NamedTuple):
+class ClockCorrection(NamedTuple):
     """Clock by which the times of a sensor were corrected, and the clock by which they should be."""
 
     before: Clock
@@ -81,7 +81,7 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
     return replace(scene, cameras=tuple(cameras), clocks=(*scene.clocks, *added.values())) if added else scene
 
 
-def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
+def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockCorrection]:
     """Return clock changes by camera index, for cameras whose clock in the scene differs from the one applied before.
 
     Args:
@@ -90,5 +90,5 @@ def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str,
         applied: clocks by camera name that the times were corrected by already; missing: no error.
     """
     stated = clocks_of(scene)
-    every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
+    every = {c: ClockCorrection(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
     return {c: change for c, change in every.items() if change.differs}

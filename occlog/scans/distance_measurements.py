@@ -74,7 +74,7 @@ class RangeDifferenceCheck:
         if len(beyond) and not self._beyond:
             n = int(beyond[0])
             where = _where(table, int(row[n]))
-            self._first = f"that {where} is {packed.value[n]:.4g}, and these are {separation[n]:.4g} apart"
+            self._first = f"that {where} is {packed.value[n]:.4g}, the distance {separation[n]:.4g}"
         self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
 
     def refuse(self) -> None:
@@ -84,8 +84,8 @@ class RangeDifferenceCheck:
         """
         if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
-                f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
-                f"{self._first}; check the units of times and stations, and {option('propagation_speed')}",
+                f"measurements: {self._beyond} of {self._all} range differences exceed the distance of their "
+                f"stations: {self._first}; check the units of times and stations, and {option('propagation_speed')}",
                 id="unit-mismatch",
             )
 
@@ -112,16 +112,16 @@ def check_plausible(
         strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
     if len(strong):
         raise InputError(
-            f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and "
-            f"received signals are below {STRONGEST_DBM:g}; are signs missing?"
+            f"measurements: the signal strength {_where(table, int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, "
+            f"above the limit of {STRONGEST_DBM:g} dBm; add missing minus signs"
         )
     low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -MIN_NEGATIVE_SIGMAS * packed.sigma))
     if len(low):
         n = int(low[0])
         raise InputError(
             f"measurements: the range {_where(table, int(row[n]))} is {packed.value[n]:g}, "
-            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; if it is a "
-            "difference of ranges, name its column range_difference"
+            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; name a column of range "
+            "differences range_difference"
         )
     found = RangeDifferenceCheck() if differences is None else differences
     found.add(table, row, packed)
@@ -569,12 +569,12 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
     for name in found.tolist():
         if name not in at.names:
             raise InputError(
-                f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}",
+                f"measurements: no station {name!r} (column {column}) in the scene; {nearest(name, at.names)}",
                 id="unknown-sensor",
             )
         if not np.isfinite(at.position[at.names.index(name), :2]).all():
             raise InputError(
-                f"measurements: station {name!r} has no position in the scene; add it", id="unknown-sensor"
+                f"measurements: station {name!r} has no position in the scene; add its position", id="unknown-sensor"
             )
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 

@@ -285,10 +285,8 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
     if same.any():
         row = int(order[1:][same][0])
         raise InputError(
-            f"bearings: sensor {str(table.sensor[row])!r} has two rows for target {table.target_id[row]} at "
-            f"{time_words(table.t_ns[row])}; a sensor has one row a target and time (candidates that may be of "
-            "any object "
-            "have target_id -1)",
+            f"bearings: sensor {str(table.sensor[row])!r} has two rows of target {table.target_id[row]} at "
+            f"{time_words(table.t_ns[row])}; keep one, or give candidates of unknown identity target_id -1",
             id="duplicate-row",
         )
 
@@ -308,8 +306,10 @@ def choose_sensors(
     only, without = list(only), list(without)
     for name in (*only, *without):
         if name not in names:
-            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor")
+            raise UsageError(
+                f"no sensor {name!r} in the scene, to be used or omitted; {nearest(name, names)}", id="unknown-sensor"
+            )
     used = frozenset(only or names) - frozenset(without)
     if not used:
-        raise UsageError("no sensor is left to track with; omit fewer of them", id="too-few-sensors")
+        raise UsageError("all sensors are omitted, and none is left; omit fewer of them", id="too-few-sensors")
     return used

@@ -72,7 +72,8 @@ class MeasurementInputs:
         )
         if not distances and measured.has(Measurements):
             raise InputError(
-                f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take",
+                f"{bearings}: holds measurements of distances, which this method does not take; use method apf, "
+                "ekf, fix, map or ukf",
                 id="wrong-content",
             )
         if not alone and (doa is None or measured.recording is None):

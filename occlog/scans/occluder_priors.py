@@ -103,7 +103,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
     try:
         return polygon_priors(np.split(np.column_stack([there.x, there.y]), starts[1:]), diameter)
     except ValueError as error:
-        raise InputError(f"hulls: time {time_words(there.t_ns[0])}: {error}; leave it out") from error
+        raise InputError(f"hulls: time {time_words(there.t_ns[0])}: {error}; omit this polygon") from error
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
@@ -182,7 +182,8 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
     )
     if not len(rows):
         raise InputError(
-            f"{opened.path}: has no rows from {start_s:g} s after its first one on; no obstacle to avoid",
+            f"{opened.path}: has no rows from {start_s:g} s after its first one on, so no moving obstacle; give an "
+            "earlier start",
             id="empty-input",
         )
     return obstacles_of(rows, start_ns, people)

@@ -68,7 +68,7 @@ def bearings_of_doa(
                 row = offset + int(np.flatnonzero(chunk.sensor == name)[0])
                 known = ", ".join(sigmas) or "none"
                 raise InputError(
-                    f"doa: row {row}: the scene has no array {name!r}; it has: {known}", id="unknown-sensor"
+                    f"doa: row {row}: the scene has no microphone array {name!r}; it has: {known}", id="unknown-sensor"
                 )
         own = np.array([sigmas[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         upward = np.array([across[name] for name in chunk.sensor.tolist()], dtype=np.float64)

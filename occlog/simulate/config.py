@@ -34,7 +34,12 @@ class WorldConfig(Settings):
     targets: int = option_setting(1, "Number of targets.", at_least=0)
     occluders: int = option_setting(0, "Number of other moving objects.", at_least=0)
     diameter: float = option_setting(
-        3.33, "Diameter of every object; centres keep this distance.", unit="length", people=0.5, above=0
+        3.33,
+        "Diameter of every object; centres keep this distance.",
+        unit="length",
+        people=0.5,
+        above=0,
+        metavar="LENGTH",
     )
     speed: float = option_setting(
         1.0, "Speed of an object, without noise.", unit="length/s", people=1.2, above=0, metavar="LENGTH"
@@ -100,11 +105,7 @@ class ObserveConfig(Settings):
     OWNER: ClassVar[str] = "observe"
 
     diameter: float = setting(
-        3.33,
-        "Diameter of moving objects as occluders; 0: no occlusion.",
-        unit="length",
-        people=0.5,
-        at_least=0,
+        3.33, "Diameter of moving objects as occluders; 0: no occlusion.", unit="length", people=0.5, at_least=0
     )
     pose_noise: str = option_setting(
         "white",
@@ -149,8 +150,7 @@ class SoundConfig(Settings):
         1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
     known_heights: bool = setting(
-        True,
-        "The heights of targets are known, so that directions have elevations. Without, no direction has one.",
+        True, "The heights of targets are known, so that directions have elevations. Without, no direction has one."
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

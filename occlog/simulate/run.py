@@ -149,11 +149,18 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
         )
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
-        raise UsageError(f"{flag} applies to microphone arrays, but the scene has none", id="too-few-sensors")
+        raise UsageError(
+            f"{flag} applies to microphone arrays, but the scene has none; leave it out, or add "
+            "`microphone_arrays` to the scene",
+            id="too-few-sensors",
+        )
     kinds = configure(MeasureConfig(), request.measure).kinds
     if request.reads and not scene.readers and "strength" not in kinds:
         flag = flag_of(ReadConfig, next(iter(request.reads)))
-        raise UsageError(f"{flag} applies to readers of tags, but the scene has none", id="too-few-sensors")
+        raise UsageError(
+            f"{flag} applies to readers of tags, but the scene has none; leave it out, or add `readers` to the scene",
+            id="too-few-sensors",
+        )
     if request.measure and not kinds:
         flag = flag_of(MeasureConfig, next(iter(request.measure)))
         raise UsageError(
@@ -163,9 +170,8 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
     stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
     if kinds and stations < (2 if kinds == ("difference",) else 1):
         raise UsageError(
-            f"{option('measure')} {request.measure['measure']} requires cameras or arrays "
-            f"with a position, of differences two; "
-            f"the scene has {stations}",
+            f"{option('measure')} {request.measure['measure']} requires a camera or microphone "
+            f"array with a position (difference: two); the scene has {stations}",
             id="too-few-sensors",
         )
     if request.seconds is not None and "steps" in request.world:
@@ -326,7 +332,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
-        raise UsageError(f"{error} ({option('overlapping')})") from None
+        raise UsageError(f"{error} ({option('overlapping')})") from error
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:

@@ -298,7 +298,9 @@ def tracker(name: str) -> AnyMethod:
     """
     if name not in METHODS or METHODS[name].takes_in != BEARINGS:
         in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
-        raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}", id="unknown-name")
+        raise UsageError(
+            f"no tracking method {name!r} takes bearings; those that do: {', '.join(in_world)}", id="unknown-name"
+        )
     plugin = METHODS[name].plugin
     if plugin is not None:
         from .plugin_filter import method_of

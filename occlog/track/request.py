@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from occlog.request import Request, group, load, output_file, scene_file, seed_of_all, sink, source
 from occlog.scans.config import DistanceMeasurementConfig
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 
 LONGEST_S = 1e9
 """Longest time that times can be apart [s]."""
@@ -65,23 +65,21 @@ class TrackRequestBase(Request):
     )
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    method: str = setting(
+    method: str = option_setting(
         "apf",
         "Tracking method. [default: by the input: boxes jipda, without a calibration sort, tag reads virtual, else "
         "apf; in a configuration apf]",
-        option="--method",
         metavar="NAME",
         shown="",
     )
-    cameras: tuple[str, ...] = setting((), "Use these sensors only.", option="--cameras", metavar="A,B,...", shown="")
-    without: tuple[str, ...] = setting(
+    cameras: tuple[str, ...] = option_setting((), "Use only the sensors of these names.", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = option_setting(
         (),
-        "Exclude these sensors, for example to predict them with `evaluate --held-out`.",
-        option="--without",
+        "Exclude the sensors of these names, for example to predict them with `evaluate --held-out`.",
         metavar="A,B,...",
         shown="",
     )
-    window: float | None = setting(
+    window: float | None = option_setting(
         None,
         "Measurements closer together in time make one scan (time step). Too wide merges frames of one camera; too "
         "narrow splits synchronised frames. [default: equal times; frames: below half the shortest frame period; "
@@ -89,7 +87,6 @@ class TrackRequestBase(Request):
         unit="s",
         at_least=0,
         at_most=LONGEST_S,
-        option="--window",
         metavar="SECONDS",
         shown="",
     )
@@ -151,10 +148,9 @@ class TrackRequest(_InWorld):
         asked="also",
     )
     doa: Path | None = source("Additional directions of arrival: a table, or a recording that holds them.")
-    doa_labels: bool = setting(
+    doa_labels: bool = option_setting(
         False,
         "Source IDs in the log of directions are target IDs. [default: directions are unlabelled candidates]",
-        option="--doa-labels",
         shown="",
     )
     measurements: Path | None = source(
@@ -187,26 +183,23 @@ class TrackRequest(_InWorld):
         number=0.0,
         metavar="SECONDS|FILE",
     )
-    labelled_only: bool = setting(False, "Ignore unlabelled candidates.", option="--labelled-only", shown="")
-    keep_labels: bool = setting(
+    labelled_only: bool = option_setting(False, "Ignore unlabelled candidates.", shown="")
+    keep_labels: bool = option_setting(
         False,
         "Keep labels as given where two targets exchange theirs. [default: a target keeps the identity of its first "
         "label, and exchanged labels are exchanged back; both are reported]",
-        option="--keep-labels",
         shown="",
     )
-    reject_outliers: bool = setting(
+    reject_outliers: bool = option_setting(
         False,
         "Give method fix no labelled bearings that contradict the motion of their target while "
         "others of the same time agree with it. Rows with such bearings are then not flagged. [default: they are used, "
         "and reported where they are many]",
-        option="--reject-outliers",
         shown="",
     )
-    use_recovered: bool = setting(
+    use_recovered: bool = option_setting(
         False,
         "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",
-        option="--use-recovered",
         shown="",
     )
     round_robin_s: float | None = setting(

@@ -340,8 +340,8 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     spec = read_path_loss(request.path_loss)
     if spec.length_unit != scene.length_unit:
         raise UsageError(
-            f"{request.path_loss}: is in {spec.length_unit}, but the scene in "
-            f"{scene.length_unit}; fit it in this scene (occlog fit-readers)",
+            f"{request.path_loss}: lengths are in {spec.length_unit}, but the scene's in "
+            f"{scene.length_unit}; fit path losses in this scene (`occlog fit-readers`)",
             id="unit-mismatch",
         )
     for twice in ("rssi_power", "rssi_exponent"):
@@ -378,7 +378,11 @@ def one_at_a_time(
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
-        raise UsageError("round robin: no sensor with a pose is left; exclude fewer", id="too-few-sensors")
+        raise UsageError(
+            f"{option('round_robin')}: no sensor with a pose is left; exclude fewer "
+            f"({option('without')}), or calibrate cameras",
+            id="too-few-sensors",
+        )
     return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 
@@ -425,8 +429,8 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     motion = read_motion(path)
     if motion.length_unit != unit:
         raise UsageError(
-            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene (occlog "
-            "fit-motion)",
+            f"{path}: lengths are in {motion.length_unit}, but the scene's in {unit}; fit a "
+            "motion model in this scene (`occlog fit-motion`)",
             id="unit-mismatch",
         )
     for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):
@@ -457,8 +461,8 @@ def max_router_delay(path: Path) -> float:
         raise InputError(f"{path}: has no end-to-end delays; make them with `occlog traffic`", id="missing-value")
     if len(cases) > 1:
         raise UsageError(
-            f"{path}: has delays of {len(cases)} cases ({cases[0]}; {cases[1]}...); make those of one protocol, size "
-            "of images and share of objects by `occlog traffic`",
+            f"{path}: has delays of {len(cases)} cases ({cases[0]}; {cases[1]}...); make those of "
+            "one protocol, channel, image_kb and objects_share by `occlog traffic`",
             id="incompatible-inputs",
         )
     return float(ends.delay_s.max())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 MAX_SMOOTHING_STEPS = 4096
 """Steps of a target that wait at most: a state is smoothed with at least half as many steps after it."""
@@ -18,11 +18,10 @@ MAX_SMOOTHING_STEPS = 4096
 class LagConfig(Settings):
     """Smoothing settings of a filter: whether to smooth, and with how much later data (`lag_s`; None: all)."""
 
-    smooth: bool = setting(
+    smooth: bool = option_setting(
         False,
         f"Smooth: estimate each state from earlier and later measurements, {MAX_SMOOTHING_STEPS} scans of a target "
         f"at a time. More accurate, but available only later.",
-        option="--smooth",
     )
     lag_s: float | None = setting(
         None,

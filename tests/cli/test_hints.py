@@ -249,6 +249,19 @@ def test_names_of_options_in_code_are_options_of_their_commands() -> None:
     assert wrong == []
 
 
+def test_placeholders_of_messages_are_in_formatted_strings() -> None:
+    """No error is raised with a text such as "{path}: ..." that lacks the prefix f."""
+    wrong, seen = [], 0
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and node.exc is not None:
+                parts = [each for each in ast.walk(node.exc) if isinstance(each, ast.Constant)]
+                wrong += [(path.name, each.lineno) for each in parts if re.search(r"\{[a-z_]\w*\W", str(each.value))]
+                seen += len(parts)
+    assert seen > 1000
+    assert wrong == []
+
+
 def test_remedies_spell_options_as_the_surface_does() -> None:
     """A name with an underscore that is an option of a command of the folder is written `option("name")`."""
     columns = {"sigma_px", "detection_probability", "false_alarm_probability"}

@@ -105,6 +105,8 @@ def test_every_command_has_help_that_ends_in_an_example(name: str) -> None:
     for param in (*command.params, *(p for variant in variants for p in variant.params())):
         if isinstance(param, click.Option):
             assert param.help, f"{name}: {param.opts} has no help"
+            for begin, end in ("()", "[]"):
+                assert param.help.count(begin) == param.help.count(end), f"{name}: {param.opts}: cut help"
 
 
 def test_exit_code_2_for_usage_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

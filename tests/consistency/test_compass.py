@@ -72,5 +72,5 @@ def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_p
     out = ["--method", "fix", "-o", str(tmp_path / "t.parquet"), "--json"]
     assert run(["track", str(tmp_path / "b.csv"), "--scene", str(tmp_path / "s.csv"), *out]) == ExitCode.DONE
     captured = capsys.readouterr()
-    assert ("degrees if taken clockwise from north" in captured.err) is reported
+    assert ("clockwise from north (compass)" in captured.err) is reported
     assert ('"plausible": true' in captured.out) is not reported

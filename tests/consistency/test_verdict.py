@@ -250,7 +250,7 @@ def test_candidates_that_stay_cannot_be_one_target() -> None:
     assert codes(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n)),)) == []
     (found,) = report_of(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n) + 1),))
     assert found.id == "several-targets"
-    assert found.text.startswith("of 3.0 candidates a frame in cam1, 2.0 persist near no track: ")
+    assert found.text.startswith("of 3.0 candidates a frame in cam1, 2.0 persist near no track")
     assert codes(frames=(crowd(n, n),), one=False) == []
     assert codes(frames=(crowd(MIN_SAMPLES - 1, MIN_SAMPLES - 1),)) == []
     assert codes(frames=(crowd(MIN_SAMPLES, MIN_SAMPLES),)) == ["several-targets"]

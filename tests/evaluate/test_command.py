@@ -251,7 +251,10 @@ def test_tracks_made_with_the_held_out_sensor_are_refused(folder: Path, capsys: 
     write_table(folder / "all.parquet", tracks_table(), made)
     args = ["evaluate", "all.parquet", "--bearings", "bearings.parquet", "--scene", "scene.yaml"]
     assert run([*args, "--held-out", "north"]) == ExitCode.BAD_INPUT
-    assert "was made with north; make it again with `occlog track --without north`" in capsys.readouterr().err
+    assert (
+        "was made with north, which --held-out predicts; make it again with `occlog track --without north`"
+        in capsys.readouterr().err
+    )
     write_table(folder / "some.parquet", tracks_table(), Provenance("track", {"sensors": ["east"]}))
     assert run(["evaluate", "some.parquet", *args[2:], "--held-out", "north"]) == ExitCode.DONE
 

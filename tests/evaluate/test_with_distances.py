@@ -93,7 +93,7 @@ def test_differences_are_refused_for_the_share_of_all_of_them(
     assert run([*args_of(tmp_path, tables, case), "-q"]) == code
     assert (tmp_path / "m.json").exists() == (code == ExitCode.DONE)
     stderr = capsys.readouterr().err
-    assert ("differences are longer than their stations are apart" in stderr) == (code != ExitCode.DONE)
+    assert ("range differences exceed the distance of their stations" in stderr) == (code != ExitCode.DONE)
 
 
 @pytest.mark.parametrize("make", [hand_made, simulated])

@@ -142,7 +142,7 @@ def test_a_size_that_is_given_scales_a_calibration_of_another(
     assert all(c.image_size == (1280, 720) and c.focal_px == pytest.approx([900, 900]) for c in scene.cameras)
     assert ingest(tmp_path, "--image-size", "1920x1080") == ExitCode.DONE
     assert ingest(tmp_path, "--image-size", "640x480") == ExitCode.BAD_INPUT
-    assert "another aspect ratio" in capsys.readouterr().err
+    assert "differ in aspect ratio" in capsys.readouterr().err
 
 
 def fisheye_box(angle: float, side: Floats) -> str:

@@ -248,7 +248,7 @@ def test_frames_of_another_size_than_calibrated(
     assert camera.principal_px.tolist() == [83.5, 63.5]
     code, err = calibrated_for("300, 120", "e.mcap")
     assert code == ExitCode.BAD_INPUT
-    assert "another aspect ratio" in err
+    assert "differ in aspect ratio" in err
 
 
 def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
@@ -270,7 +270,7 @@ def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
         (["--video", "cam1={tmp}/none.mp4"], 4, "none.mp4: no such file"),
         (["--video", "cam1={tmp}"], 4, "is a folder; a video file was expected"),
         (["--video", "cam9={video}"], 4, "camera cam9: has no calibration (calibrated: cam1, cam2)"),
-        (["--video", "{video}"], 2, "does not name its camera; give CAMERA="),
+        (["--video", "{video}"], 2, "lacks the name of its camera; give CAMERA="),
         (["--video", "cam1={video}", "--video", "cam1={video}"], 2, "camera cam1 is given twice"),
         (["--video", "cam1={video}", "--images", "cam1={tmp}"], 2, "both video and images"),
         ([], 2, "nothing to ingest"),
@@ -554,7 +554,7 @@ def test_a_truth_of_other_times_than_the_measurements_is_doubted(
     assert run(["ingest", "-o", str(place / "a.mcap"), *scene, *inputs]) == ExitCode.DONE
     assert "no time in common" not in capsys.readouterr().err
     assert run(["ingest", "-o", str(place / "b.mcap"), *scene, *inputs, "--start-time", "1000"]) == ExitCode.DONE
-    assert "warning: the truth and the measurements have no time in common, " in capsys.readouterr().err
+    assert "warning: the truth and the measurements have no time in common: " in capsys.readouterr().err
 
 
 def test_a_target_of_two_files_is_not_at_two_places_at_once(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -119,7 +119,10 @@ def test_positions_that_are_not_where_the_boxes_are_are_refused(
         ("{}", "a list of people was expected"),
         ("[{]", "not valid JSON"),
         ('[{"personID": 1}]', "person 1: has no 'positionID'"),
-        ('[{"personID": 1, "positionID": 691200, "views": []}]', "positionID 691200; WILDTRACK's grid has 480 x 1440"),
+        (
+            '[{"personID": 1, "positionID": 691200, "views": []}]',
+            "positionID 691200; WILDTRACK's grid has the points 0 to 691199",
+        ),
     ],
 )
 def test_annotations_that_cannot_be_are_refused(

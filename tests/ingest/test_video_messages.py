@@ -136,7 +136,7 @@ def test_a_choice_of_frames_counts_messages(tmp_path: Path) -> None:
         ),
         ("h264", [b"12345678"] * 8, "video is stated to be h264, and its data have no start codes (Annex B)"),
         ("h264", H264[1:6], "no message of its video has a key frame"),
-        ("h264", [H264[0] + H264[1]] * 8, "a message of h264 with 2 pictures; one each was expected"),
+        ("h264", [H264[0] + H264[1]] * 8, "a message of h264 video has 2 pictures; exactly one"),
         ("av1", H264, "video as av1 is not read (h264 and h265 are); write it to a file"),
     ],
 )

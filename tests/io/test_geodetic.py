@@ -193,7 +193,7 @@ def test_positions_of_satellite_receivers_in_bags_are_truth(
     assert np.abs(truth.x - X[kept]).max() < 1e-4
     assert np.abs(truth.z - 4.5).max() < 1e-4
     (loss,) = recording.losses
-    assert (loss.count, "the receiver had no fix (status -1)" in loss.what) == (1, True)
+    assert (loss.count, "the satellite receiver had no position fix (status -1)" in loss.what) == (1, True)
 
 
 def test_longitudes_go_on_beyond_the_180th_meridian() -> None:

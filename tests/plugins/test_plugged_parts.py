@@ -276,8 +276,8 @@ def test_an_exporter_of_others_is_a_format(folder: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("fails-exporter", "plug-in fails-exporter (bad-parts 0.3): AttributeError: "),
-        ("lies-exporter", "TypeError: bytes are written, not str; encode the text at "),
+        ("fails-exporter", "plug-in fails-exporter (bad-parts 0.3): UnsupportedOperation: seek"),
+        ("lies-exporter", "TypeError: an exporter writes bytes, not str; encode the text at "),
         ("no-tables", "plug-in no-tables (bad-parts 0.3): tables: trucks; give "),
         ("half", "plug-in half (bad-parts 0.3): AttributeError: "),
     ],

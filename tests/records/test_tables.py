@@ -52,10 +52,10 @@ def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
         ({"bearing": [np.nan, np.nan]}, "row 0: seen is True but bearing is nan"),
         ({"bearing": [4.0, np.nan]}, "must be in"),
         ({"bearing": [np.inf, np.nan]}, "must not be infinite"),
-        ({"sigma": [0.0, np.nan]}, "above 0"),
-        ({"sigma_px": [1e-12, np.nan]}, "sigma_px 1e-12 px must be above 0, at least 1e-09"),
+        ({"sigma": [0.0, np.nan]}, "sigma 0 rad at least"),
+        ({"sigma_px": [1e-12, np.nan]}, "sigma_px 1e-12 px must be at least 1e-09"),
         ({"sigma_px": [1e300, np.nan]}, r"Bearings.sigma_px: row 0: 1e\+300 px must be within 1e\+15 px"),
-        ({"sensor": ["a"]}, "1 rows, expected 2"),
+        ({"sensor": ["a"]}, "has 1 rows, but the first column 2"),
         ({"target_id": [0.5, 0]}, "target_id"),
         ({"target_id": [0, 2**31]}, "target_id: row 1: 2147483648 must be -2147483648 to 2147483647"),
         ({"target_id": [-(2**31) - 1, 0]}, "target_id: row 0: -2147483649 must be"),
@@ -154,7 +154,8 @@ def test_who_answers_says_where() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"), [({"cov_x_vx": [0.1]}, "1 rows, expected 2"), ({"cov_vx_vx": [1.0, np.inf]}, "row 1")]
+    ("change", "message"),
+    [({"cov_x_vx": [0.1]}, "has 1 rows, but the first column 2"), ({"cov_vx_vx": [1.0, np.inf]}, "row 1")],
 )
 def test_optional_columns_are_checked_like_others(change: dict[str, object], message: str) -> None:
     have = {c.name: [0, 0] if c.kind[0] == "i" else [0.0, 0.0] for c in Tracks.columns() if not c.optional}
@@ -171,5 +172,5 @@ def test_boxes_of_no_size_are_refused_but_empty_frames_are_not() -> None:
     values = {"t_ns": [0], "sensor": ["a"], "frame": [0], "target_id": [-1], "confidence": [np.nan]}
     nothing = {k: [np.nan] for k in ("left_px", "top_px", "width_px", "height_px")}
     assert len(Boxes.of(**values, box=[-1], **nothing)) == 1
-    with pytest.raises(InputError, match="size above 0"):
+    with pytest.raises(InputError, match="must be above 0"):
         Boxes.of(**values, box=[0], **{**nothing, "width_px": [0.0], "height_px": [3.0]})

@@ -10,7 +10,7 @@ from walking_people import cameras
 
 from occlog.io.files.timing.frame_times import to_world_time
 from occlog.records.scene import Clock, Scene
-from occlog.scans.clocks import ClockChange, clock_changes, clocks_of, stated_clocks, with_applied_clocks
+from occlog.scans.clocks import ClockCorrection, clock_changes, clocks_of, stated_clocks, with_applied_clocks
 
 
 def scene(*clocks: Clock | None) -> Scene:
@@ -25,7 +25,7 @@ def test_a_change_is_that_of_the_definition(before: Clock, after: Clock) -> None
     stamps = np.array([5 * 10**18, 5 * 10**18 + 7_000_000_000, 5 * 10**18 + 3600 * 10**9])
     recorded = to_world_time(stamps, before, int(stamps[0]))
     wanted = to_world_time(stamps, after, int(stamps[0]))
-    change = ClockChange(before, after)
+    change = ClockCorrection(before, after)
     found = [change.time(int(t), int(recorded[0])) for t in recorded]
     assert np.abs(np.array(found) - wanted).max() <= 2
 

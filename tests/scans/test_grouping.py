@@ -119,7 +119,7 @@ def test_a_scan_without_rows_for_a_target_is_none():
 
 def test_a_camera_that_reports_a_target_twice_at_one_time_is_refused():
     rows = table((0, 1, 0, 1.0), (1, 2, 0, 1.0), (1, 2, 0, 2.0))
-    with pytest.raises(InputError, match=r"sensor 'cam2' has two rows for target 0 at 1 s; .*-1"):
+    with pytest.raises(InputError, match=r"sensor 'cam2' has two rows of target 0 at 1 s; .*-1"):
         list(scans_of([rows], SCENE, ALL))
     with pytest.raises(InputError, match="cam2"):  # also when a chunk ends between them
         list(scans_of([rows.take(slice(0, 2)), rows.take(slice(2, 3))], SCENE, ALL))

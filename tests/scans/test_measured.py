@@ -101,14 +101,14 @@ def test_heights_count_where_that_of_the_targets_is_stated_and_are_refused_where
 
 def test_what_cannot_be_used_is_refused_with_its_place() -> None:
     config = DistanceMeasurementConfig(sigma_range=0.1)
-    with pytest.raises(InputError, match=r"no station 'aa' in the scene \(sensor\); did you mean 'a'"):
+    with pytest.raises(InputError, match=r"no station 'aa' \(column sensor\) in the scene; did you mean 'a'"):
         packed(table(sensor=["aa"], range=[1.0]), config)
     with pytest.raises(InputError, match="'eye' has no position in the scene"):
         packed(table(sensor=["eye"], range=[1.0]), config)
     with pytest.raises(InputError, match="range of 'a' at 0 s has no standard deviation"):
         packed(table(sensor=["a"], range=[1.0]), DistanceMeasurementConfig())
     assert packed(table(sensor=["a"], range=[1.0]), config)[1].sigma.tolist() == [0.1]
-    with pytest.raises(InputError, match="a difference requires two stations"):
+    with pytest.raises(InputError, match="are of two stations"):
         table(sensor=["a"], reference=["a"], range_difference=[1.0])
     with pytest.raises(InputError, match="has none of range, rssi, tdoa, range_difference"):
         table(sensor=["a"])

@@ -58,7 +58,7 @@ def test_directions_of_arrival_become_candidates():
 
 def test_an_array_that_the_scene_does_not_have_is_refused():
     chunks = [doa([0], [0.1]), doa([1, 2], [0.1, 0.1], name="other")]
-    with pytest.raises(InputError, match="doa: row 1: the scene has no array 'other'; it has: array"):
+    with pytest.raises(InputError, match="doa: row 1: the scene has no microphone array 'other'; it has: array"):
         list(bearings_of_doa(chunks, SCENE))
 
 

@@ -253,14 +253,22 @@ def test_settings_go_to_the_method(folder):
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
-        (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
+        (
+            ["--cameras", "cam0"],
+            ExitCode.USAGE,
+            "no sensor 'cam0' in the scene, to be used or omitted; did you mean 'cam",
+        ),
+        (
+            ["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])],
+            ExitCode.USAGE,
+            "all sensors are omitted",
+        ),
         (["--set", "sigma_v=1"], ExitCode.USAGE, "did you mean 'process_noise_position'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
         (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: expected X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
-        (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
+        (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. --target 3"),
         (["--target", "5"], ExitCode.BAD_INPUT, "no row is of the chosen targets and sensors"),
         (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
         (["--method", "kalman"], ExitCode.USAGE, "apf"),
@@ -315,7 +323,7 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     other = replace(copy, bearing=copy.bearing + 0.1)
     for row, words in (
         (copy, "a row is repeated (t_ns 3000000000, sensor cam2, target_id 0)"),
-        (other, "sensor 'cam2' has two rows for target 0 at 3 s"),
+        (other, "sensor 'cam2' has two rows of target 0 at 3 s"),
     ):
         write_table(folder / "twice.parquet", Bearings.merge([rows, row]), Provenance("detect"), overwrite=True)
         assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT

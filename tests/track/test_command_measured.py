@@ -184,7 +184,7 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
             ["--propagation-speed", "warp"],
             "--propagation-speed warp: must be sound, light, or a number above 0",
         ),
-        ("ranges", "iekf", [], "which methods apf, ekf, fix, map and ukf take"),
+        ("ranges", "iekf", [], "use method apf, ekf, fix, map or ukf"),
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
         ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),
@@ -210,14 +210,19 @@ def test_what_cannot_be_says_why(
 @pytest.mark.parametrize(
     ("head", "line", "more", "message"),
     [
-        ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; if it is a difference"),
+        (
+            "range_m,sigma_range_m",
+            "{t},{s},-3.0,0.1",
+            [],
+            "standard deviations below 0; name a column of range differences",
+        ),
         ("range_m,sigma_range_m", "{t},{s},5.0,0.1\n{t},{s},5.0,0.1", [], "is a duplicate"),
-        ("rssi_dbm", "{t},{s},70", [], "received signals are below 20; are signs missing?"),
+        ("rssi_dbm", "{t},{s},70", [], "above the limit of 20 dBm; add missing minus signs"),
         (
             "reference,tdoa_us",
             "{t},{s},d,9000",
             ["--propagation-speed", "light"],
-            "longer than their stations are apart",
+            "exceed the distance of their stations",
         ),
     ],
 )

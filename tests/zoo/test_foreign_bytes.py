@@ -302,7 +302,7 @@ BORDER = {
     "tomllib.load": set(),
     "ElementTree.fromstring": {"files/texts/documents.py"},
     "ElementTree.parse": set(),
-    "ElementTree.iterparse": {"formats/gpx.py", "formats/truth.py"},
+    "ElementTree.iterparse": {"files/texts/documents.py"},
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
@@ -338,7 +338,7 @@ LIBRARIES = {
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
     "from xml": {f"io/formats/calibration/readers/{name}.py" for name in ("qualisys", "tsai")}
-    | {"io/files/texts/documents.py", "io/formats/gpx.py", "io/formats/truth.py"}
+    | {"io/files/texts/documents.py", "io/formats/truth.py"}
     | {"io/formats/boxes/annotations.py"},  # the kind of what is read
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},

@@ -112,9 +112,7 @@ def test_honest_files_may_have_as_many_records_as_they_hold(tmp_path: Path) -> N
     assert len(chunk(rising)) > 2 * 100_000
 
 
-@pytest.mark.parametrize(
-    ("rows", "words"), [(5_000_000, "a message of 55000051 bytes"), (2_000_000, "more than 1000000 rows")]
-)
+@pytest.mark.parametrize(("rows", "words"), [(5_000_000, "has 55000051 bytes"), (2_000_000, "more than 1000000 rows")])
 def test_rows_of_one_time_are_not_read_without_end(tmp_path: Path, rows: int, words: str) -> None:
     zeros, roles = ",".join(["0"] * rows), ",".join(['""'] * rows)
     told_rows = f'{{"t_ns":1,"target_id":[{zeros}],"role":[{roles}],"x":[{zeros}],"y":[{zeros}],"z":[{zeros}]}}'

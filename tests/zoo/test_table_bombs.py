@@ -220,7 +220,7 @@ def of_one_group_again(footer: Struct) -> None:
 
 FOOTERS = {
     "columns without a description": (of_no_columns, "more columns than a file of its size can have"),
-    "schema": (of_many_parts, "900001 columns and parts of columns; at most 50000 are read"),
+    "schema": (of_many_parts, "900001 columns, with nested ones; at most 50000 are read"),
     "entries": (of_many_names, "more values than a file of its size can have"),
     "groups that share their bytes": (of_one_group_again, "its columns have more bytes than the file"),
 }

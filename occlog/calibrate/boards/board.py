@@ -89,7 +89,10 @@ def board_of(size: str, dictionary: str, marker: float) -> Board:
     """
     cells = size.lower().split("x")
     if len(cells) != 2 or not all(cell.isdecimal() and 2 <= int(cell[:3]) <= 50 and len(cell) < 3 for cell in cells):
-        raise UsageError(f"{option('board')} {size}: expected COLUMNSxROWS, each of 2 to 50, as in 9x6")
+        raise UsageError(
+            f"{option('board')} {size}: expected COLUMNSxROWS of inner corners (ChArUco: "
+            "squares), each of 2 to 50, as in 9x6"
+        )
     if dictionary and not hasattr(cv2.aruco, f"DICT_{dictionary.upper()}"):
         raise UsageError(
             f"{option('dictionary')} {dictionary}: not a dictionary of OpenCV; for example 4X4_50, 5X5_100",
@@ -145,7 +148,8 @@ def views_of(images: Iterable[Image], board: Board) -> tuple[list[BoardView], tu
         own = (image.shape[1], image.shape[0])
         if size not in ((0, 0), own):
             raise InputError(
-                f"image {count} has {own[0]} x {own[1]} px, and those before {size[0]} x {size[1]}",
+                f"image {count} has {own[0]} x {own[1]} px, and those before {size[0]} x {size[1]}; "
+                "give images of one size",
                 id="image-size-mismatch",
             )
         size = own

@@ -21,7 +21,7 @@ from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 
 from ..request import CalibrateRequest
-from ..results.output import CalibrationOutput
+from ..results.output import CalibrationResult
 from .board import CELLS, BoardLens, board_of, lens_of_views, views_of
 
 STEP_S = 0.25
@@ -32,7 +32,7 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 """Names of checks."""
 
 
-def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutput:
+def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationResult:
     """Calibrate the lens of each camera by images of a board.
 
     Args:
@@ -72,7 +72,7 @@ def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutp
         f"# {each.camera.name}: {each.views} views of a board, reprojection {each.reprojection_px:.3f} px\n"
         for each in lenses
     )
-    return CalibrationOutput(
+    return CalibrationResult(
         Scene(tuple(each.camera for each in lenses)), comment, parameters, _checks(lenses),
         {"cameras": {each.camera.name: _figures(each) for each in lenses}}, tuple(losses),
     )  # fmt: skip
@@ -89,7 +89,9 @@ def _cameras(request: CalibrateRequest) -> list[str]:
     names = open_recording(path).cameras
     unknown = [name for name in (*request.cameras, *request.without) if name not in names]
     if unknown:
-        raise UsageError(f"no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor")
+        raise UsageError(
+            f"{path}: no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor"
+        )
     used = [n for n in names if n not in request.without and (not request.cameras or n in request.cameras)]
     if not used:
         raise InputError(f"{path}: has no images of a camera; record the board, or name its video", id="wrong-content")

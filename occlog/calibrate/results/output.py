@@ -19,7 +19,7 @@ CLOCK = "{}-clock"
 """Name of the clock of a sensor that is late."""
 
 
-class CalibrationOutput(NamedTuple):
+class CalibrationResult(NamedTuple):
     """Result of a calibration by people or by a board.
 
     Attributes:

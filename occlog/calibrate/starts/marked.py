@@ -59,7 +59,9 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     """
     where, n = f"camera {camera.name}", len(points)
     if n < MIN_POINTS:
-        raise InputError(f"{where}: {n} marked points; {MIN_POINTS} at least are needed", id="insufficient-data")
+        raise InputError(
+            f"{where}: {n} marked points; {MIN_POINTS} at least are needed: mark more points", id="insufficient-data"
+        )
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if not extent[1] > FLAT * extent[0]:
         raise InputError(
@@ -94,7 +96,7 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
         )
     if done.position[2] <= 0.0:
         raise InputError(
-            f"{where}: the marked points put it below the floor; the axes of the floor must be right-handed",
+            f"{where}: the marked points put the camera below the floor; the axes of the floor must be right-handed",
             id="invalid-calibration",
         )
     # A residual of few points is uncertain: that of a mark counts as four of them

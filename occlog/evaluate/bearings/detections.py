@@ -309,8 +309,8 @@ class RegionFigures:
         view, box = self._first_view, self._first_box
         if view is not None and box is not None and not self._shared:
             raise InputError(
-                f"views: none of their frames (first: {view[0]} at {in_seconds(view[1])} s) has true boxes "
-                f"(first: {box[0]} at {in_seconds(box[1])} s); times and sensor names must be the same",
+                f"views: no frame of theirs (first: {view[0]} at {in_seconds(view[1])} s) has true boxes (first: "
+                f"{box[0]} at {in_seconds(box[1])} s); use equal times and sensor names",
                 id="disjoint-inputs",
             )
         out = self._whole.figures("") | {"views_without_truth": self._views - self._used}

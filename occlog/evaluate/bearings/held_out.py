@@ -25,7 +25,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.camera import wrap_angle
 from occlog.core.metrics.errors import Sum, pair_within, quantile, ratio_or_nan
 from occlog.core.numerics.interpolate import interpolate_positions
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry, sensors_of
@@ -347,13 +347,15 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
     for name in config.held_out:
         if name not in cameras:
             raise InputError(
-                f"held out: camera {name!r} is not in the scene, or has no pose; the scene has: {', '.join(cameras)}",
+                f"{option('held_out')} {name}: no camera of this name with a pose is in the scene; it has: "
+                f"{', '.join(cameras)}",
                 id="unknown-sensor",
             )
         frames = frames_of_boxes(boxes, name)
         if not len(frames.t_ns):
             raise InputError(
-                f"views: no row of the held-out camera {name!r}; give boxes that include it", id="empty-input"
+                f"{option('views')}: no row of the held-out camera {name!r}; give boxes that include it",
+                id="empty-input",
             )
         own = tally(cameras[name], frames, walkers, config, 0)
         steps = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * len(frames.t_ns)).astype(int)).tolist()

@@ -427,8 +427,8 @@ class NoiseFromTruth:
                 out[name] = found
         if not out:
             raise InputError(
-                f"{option('write_scene')}: no camera has {MIN_READINGS} readings [px] of a visible target at a "
-                "known position; record more, or give the truth at more times",
+                f"{option('write_scene')}: no camera has {MIN_READINGS} bearings from images (u_px) of a visible "
+                "target with a true position at that time; give more data",
                 id="insufficient-data",
             )
         return out

@@ -59,8 +59,12 @@ class CompareRequest(Request):
         at_most=1e9,
         shown="1 m",
     )
-    markdown: Path | None = sink("Also write the table as Markdown.")
-    seed: int = option_setting(0, "Seed of the random draws.", at_least=0)
+    markdown: Path | None = sink("Also write the table of the comparison as a Markdown file.")
+    seed: int = option_setting(
+        0,
+        "Seed of the sign flips of the test, which are drawn at random for more than 15 recordings or intervals.",
+        at_least=0,
+    )
 
     @property
     def inputs(self) -> list[Path]:

@@ -92,18 +92,22 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
             if len(there) > 1:
                 names = " and ".join(path.name for path in there[:2])
                 raise InputError(
-                    f"{location.parent}: {names} are both named as the run {name}; keep one", id="duplicate-name"
+                    f"{location.parent}: {names} could both be the truth of the run {name}; keep one",
+                    id="duplicate-name",
                 )
             if there:
                 return there[0]
         raise InputError(
-            f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv", id="file-not-found"
+            f"{truth}: holds no truth of the run {name}; expected a file {stem}.mcap, {stem}.parquet or {stem}.csv",
+            id="file-not-found",
         )
     if truth is not None:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
-    raise UsageError("the true positions are unknown; give --truth", id="missing-option")
+    raise UsageError(
+        f"the true positions are unknown: no {RECORDING} with the tracks; give {option('truth')}", id="missing-option"
+    )
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
@@ -116,8 +120,8 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
         other = first.setdefault(run.truth, name)
         if other != name:
             raise InputError(
-                f"{run.truth}: would be the truth of the runs {other} and {name}; put their truths into folders of "
-                f"{truth} as theirs are",
+                f"{run.truth}: is the truth of both runs {other} and {name}; give each its own: {other}.* and "
+                f"{name}.* in {truth}",
                 id="duplicate-name",
             )
 
@@ -178,9 +182,7 @@ def run_compare(request: CompareRequest, job: Job) -> JobResult:
     """Compare the runs of the request, write the table as Markdown, and return the summary and failed conditions."""
     methods = request.methods
     if len(methods) < 2:
-        raise UsageError(
-            "name two methods at least: the one that others are compared with comes first", id="missing-option"
-        )
+        raise UsageError("name at least two methods; the others are compared with the first one", id="missing-option")
     conditions = [parse_condition(each) for each in request.fail_if]
     found = compare_runs(methods, request.truth, request.metrics, conditions, request.match_distance, request.seed)
     if request.markdown is not None:
@@ -214,7 +216,7 @@ def compare_runs(
     for name in figures:
         if name not in FIGURES:
             raise UsageError(
-                f"{option('metric')} {name}: there is no such figure; there are {', '.join(FIGURES)}", id="unknown-name"
+                f"{option('metric')} {name}: unknown figure; there are {', '.join(FIGURES)}", id="unknown-name"
             )
     names, runs = paired(methods, truth)
     unit = _unit([run for own in runs for run in own.values()])
@@ -280,7 +282,8 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not truth.same_rows(open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(
-            f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth",
+            f"{run.truth}: differs from {first.truth}, the truth of the first method; give one truth for all "
+            f"({option('truth')})",
             id="disjoint-inputs",
         )
     times: Ints = times_of(tracks, truth)

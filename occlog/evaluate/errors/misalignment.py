@@ -202,7 +202,7 @@ AXES = {
 """Changes of axes, simplest first, with their matrices."""
 
 
-class Positions(NamedTuple):
+class PositionSamples(NamedTuple):
     """Positions xy (n, 2) in the world at nondecreasing times t (n,) [s], of any number of objects."""
 
     t: Floats
@@ -226,7 +226,7 @@ class Alternative(NamedTuple):
     met: float
 
 
-def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[Positions, Floats]:
+def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[PositionSamples, Floats]:
     """Return positions, and heights z (n,), of the first rows of a table, up to `MAX_SAMPLE`.
 
     Of a truth only targets count; rows without x or y are skipped.
@@ -240,11 +240,11 @@ def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[Positions, Fl
             break
     t_ns, xyz = (np.concatenate(column)[:MAX_SAMPLE] for column in zip(*parts, strict=True))
     good = np.isfinite(xyz[:, :2]).all(axis=1)
-    return Positions(t_ns[good] / NS, xyz[good, :2]), xyz[good, 2]
+    return PositionSamples(t_ns[good] / NS, xyz[good, :2]), xyz[good, 2]
 
 
 def alternative(
-    tracks: Positions, truth: Positions, gate: float, given: Positions | None = None
+    tracks: PositionSamples, truth: PositionSamples, gate: float, given: PositionSamples | None = None
 ) -> tuple[Alternative, float, float] | None:
     """Find the simplest transform of the tracks after which they agree with the truth; None if none helps.
 
@@ -270,7 +270,7 @@ def alternative(
     return None
 
 
-def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+def _changes(tracks: PositionSamples, truth: PositionSamples, gate: float) -> Iterator[Alternative]:
     """Generate transforms of the tracks that may explain a misfit, each with its F1 score after it.
 
     They change times, unit, axes or rotation; simplest first. `gate`: largest distance of positions that agree.
@@ -280,15 +280,15 @@ def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alter
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
         # In the larger unit of both, as the gate is a length that people are apart
         ours, theirs = min(scale, 1.0), max(scale, 1.0)
-        turned = Positions(tracks.t, ours * tracks.xy @ np.array(matrix, dtype=np.float64).T)
-        met = _met(turned, Positions(truth.t, truth.xy / theirs), gate)
+        turned = PositionSamples(tracks.t, ours * tracks.xy @ np.array(matrix, dtype=np.float64).T)
+        met = _met(turned, PositionSamples(truth.t, truth.xy / theirs), gate)
         words = [f"lengths times {scale:.6g}"] if scale != 1.0 else []
         id = "length-unit-differs" if scale != 1.0 else "axes-differ"
         yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met)
     yield from _rotations(tracks, truth, gate)
 
 
-def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+def _changes_of_time(tracks: PositionSamples, truth: PositionSamples, gate: float) -> Iterator[Alternative]:
     ours, theirs = tracks.step, truth.step
     first, begin = tracks.t[0], truth.t[0]
     for factor in (1.0, *TIME_UNITS):
@@ -307,7 +307,7 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
         yield Alternative(id, words, met)
     for program, epoch in DAYS.items():
         if abs(tracks.t[0] - truth.t[0] / DAY_S - epoch) < MAX_DAYS:
-            days = Positions(DAY_S * (tracks.t - epoch), tracks.xy)
+            days = PositionSamples(DAY_S * (tracks.t - epoch), tracks.xy)
             yield Alternative("times-in-days", f"times as days of {program}", _met(days, truth, gate))
     spans = [each.t[-1] - each.t[0] for each in (tracks, truth)]
     ratio = spans[1] / spans[0] if min(spans) > 0.0 else 1.0
@@ -316,12 +316,12 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
         yield Alternative("frame-rate-differs", words, _met(_timed(tracks, ratio, first, begin), truth, gate))
 
 
-def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
+def _timed(tracks: PositionSamples, factor: float, start: float, begin: float) -> PositionSamples:
     """Return the tracks with the times begin + factor (t - start); `start` and `begin` in [s]."""
-    return Positions(begin + factor * (tracks.t - start), tracks.xy)
+    return PositionSamples(begin + factor * (tracks.t - start), tracks.xy)
 
 
-def _tolerance(tracks: Positions, truth: Positions) -> float:
+def _tolerance(tracks: PositionSamples, truth: PositionSamples) -> float:
     """Return the tolerance [s]: estimates and true positions further apart in time are not compared.
 
     It is about half the longer of their median intervals, at most `MAX_TOLERANCE_S`.
@@ -334,7 +334,7 @@ def _spread(rows: Ints, count: int = QUERIES) -> Ints:
     return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]
 
 
-def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
+def _met(tracks: PositionSamples, truth: PositionSamples, gate: float, *, whole: bool = False) -> float:
     """Return the F1 score, 0 to 1, of positions that have a counterpart within the distance `gate` on each axis.
 
     The counterpart may also be about half a sampling interval earlier or later (`_tolerance`). The score is over the
@@ -358,7 +358,7 @@ def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = Fals
     return 2.0 * shares[0] * shares[1] / max(sum(shares), 1e-9)
 
 
-def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
+def _common(tracks: PositionSamples, truth: PositionSamples, tolerance: float) -> list[Ints] | None:
     """Return the indices of the rows of `tracks` and of `truth` in their common time; None if that is too short.
 
     That is below the share `MIN_OVERLAP` of the shorter of both. `tolerance`: time [s] by which the common time is
@@ -372,7 +372,7 @@ def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints]
     return rows if all(len(own) for own in rows) else None
 
 
-def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float, float]:
+def _best_shift(tracks: PositionSamples, truth: PositionSamples, gate: float) -> tuple[float, float]:
     """Return the shift [s] to add to the tracks' times so that most positions agree, and the F1 score with it.
 
     `gate`: largest distance of positions that agree. Multiples of the sampling interval up to `MAX_STEPS` are tried.
@@ -387,7 +387,7 @@ def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float
     shifts = sorted((step * np.arange(-MAX_STEPS, MAX_STEPS + 1)).tolist(), key=abs)
     counts = [np.count_nonzero(np.isfinite(_distance(tree, points - [shift * scale[0], 0.0, 0.0]))) for shift in shifts]
     best = shifts[int(np.argmax(counts))]
-    met = {shift: _met(Positions(tracks.t + shift, tracks.xy), truth, gate) for shift in (0.0, best)}
+    met = {shift: _met(PositionSamples(tracks.t + shift, tracks.xy), truth, gate) for shift in (0.0, best)}
     shift = max(met, key=met.__getitem__)
     return shift, met[shift]
 
@@ -397,7 +397,7 @@ def _distance(tree: cKDTree, points: Floats) -> Floats:
     return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
 
 
-def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+def _rotations(tracks: PositionSamples, truth: PositionSamples, gate: float) -> Iterator[Alternative]:
     """Generate two transforms of the tracks with their F1 scores: the best translation, and the best rigid transform.
 
     The latter is a rotation or reflection with a translation, by a Hough transform over `ANGLES` angles. `gate`:
@@ -423,9 +423,9 @@ def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alt
             most, angle, mirror = int(counts.max()), math.radians(degrees), sign
             shift = np.median(apart[cells == values[counts.argmax()]], axis=0)
         if not degrees and sign > 0.0:  # a small turn may put more pairs into one cell than no turn
-            moved = _met(Positions(tracks.t, tracks.xy + shift), truth, gate)
+            moved = _met(PositionSamples(tracks.t, tracks.xy + shift), truth, gate)
             yield Alternative("axes-differ", f"moved by ({shift[0]:.3g}, {shift[1]:.3g})", moved)
-    met = _met(Positions(tracks.t, tracks.xy @ _turn(angle, mirror).T + shift), truth, gate)
+    met = _met(PositionSamples(tracks.t, tracks.xy @ _turn(angle, mirror).T + shift), truth, gate)
     mirrored = "y negated, " if mirror < 0.0 else ""
     turned = f"turned by {math.degrees(angle):.0f} degrees and " if angle else ""
     words = f"{mirrored}{turned}moved by ({shift[0]:.3g}, {shift[1]:.3g})"
@@ -504,7 +504,7 @@ class TruthAlignment:
         (tracks, _), (truth, z) = (sample_of(each) for each in self._sources())
         planes = {"": truth}
         if np.isfinite(z).all() and len(z) and np.ptp(z) > np.ptp(truth.xy[:, 1]):
-            ground = Positions(truth.t, np.column_stack([truth.xy[:, 0], z]))
+            ground = PositionSamples(truth.t, np.column_stack([truth.xy[:, 0], z]))
             planes = {"x and z of the truth for its x and y (y up)": ground} | planes
         for words, ground in planes.items():
             found = alternative(tracks, ground, self._gate, truth)

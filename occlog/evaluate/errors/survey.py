@@ -200,7 +200,7 @@ def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
     """Raise InputError for more than `MAX_IDENTITIES` identities; `name`: `targets` or `tracks`, for the message."""
     if len(lives) > MAX_IDENTITIES:
         raise InputError(
-            f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time",
+            f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate shorter parts of the recording",
             id="problem-too-large",
         )
 
@@ -214,8 +214,8 @@ def check_pairs(known: EvaluationSurvey) -> None:
     apart = np.searchsorted(last, its_first).sum() + np.searchsorted(its_last, first).sum()
     if (pairs := len(first) * len(its_first) - int(apart)) > MAX_PAIRS:
         raise InputError(
-            f"evaluate: {pairs} pairs of a target and a track at the same time, at most {MAX_PAIRS} can be compared; "
-            "evaluate parts of the area",
+            f"evaluate: {pairs} pairs of a target and a track exist at the same time (limit {MAX_PAIRS}); evaluate "
+            "shorter parts of the recording",
             id="problem-too-large",
         )
 

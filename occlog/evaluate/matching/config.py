@@ -53,7 +53,7 @@ class EvaluateConfig(Settings):
     )
     settling_s: float = setting(
         0.0,
-        "Settling time: also report `settled_` metrics without this time after the first estimate of each target.",
+        "Settling time: also report `settled_` metrics, which omit this time after the first estimate of each target.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -62,7 +62,7 @@ class EvaluateConfig(Settings):
     )
     from_ns: int | None = setting(
         None,
-        "Also report `settled_` metrics from this time on [ns since 1970].",
+        "Also report `settled_` metrics, of estimates from this time on [ns since 1970].",
         option="--from",
         metavar="T_NS",
         nothing="the first estimate",
@@ -75,11 +75,16 @@ class EvaluateConfig(Settings):
         kinds=WORLD,
     )
     gate_px: float | None = option_setting(
-        None, "Gate in pixels for cameras, instead of --gate-sigma.", above=0, metavar="PX", kinds=WORLD
+        None,
+        "Gate for cameras instead of --gate-sigma: largest horizontal distance in the image between a bearing and the "
+        "truth [px].",
+        above=0,
+        metavar="PX",
+        kinds=WORLD,
     )
     occluder_diameter: float | None = option_setting(
         None,
-        "Diameter of moving objects of the truth, which occlude those behind them.",
+        "Diameter of moving objects of the truth, which occlude those behind them, in the scene's unit.",
         above=0,
         metavar="LENGTH",
         nothing="that of `simulate` if it made the truth, else no occlusion",
@@ -87,8 +92,8 @@ class EvaluateConfig(Settings):
     )
     motion: str = option_setting(
         "waypoint",
-        "Motion model of the Cramer-Rao bound: `waypoint`, a walk with known drift, or `cv`, constant velocity "
-        "with noise.",
+        "Motion model of the Cramer-Rao bound: `waypoint`, a walk to known destinations at known speed with position "
+        "noise, or `cv`, constant velocity with noise.",
         choices=("waypoint", "cv"),
         kinds=WORLD,
     )
@@ -115,7 +120,7 @@ class EvaluateConfig(Settings):
     )
     prior_covariance: tuple[float, float, float] | None = setting(
         None,
-        "Prior covariance of the position at the first observation, for the bound.",
+        "Prior covariance xx, xy, yy of the position at the first observation, for the bound [m^2, or scene unit^2].",
         counts=(3,),
         apart=True,
         option="--prior",
@@ -125,7 +130,7 @@ class EvaluateConfig(Settings):
     )
     prior_variance_z: float | None = setting(
         None,
-        "Prior variance of the height at the first observation, for a bound in space.",
+        "Prior variance of the height at the first observation, for a bound in space [m^2, or scene unit^2].",
         above=0,
         option="--prior-z",
         metavar="ZZ",
@@ -141,7 +146,7 @@ class EvaluateConfig(Settings):
     )
     held_out: tuple[str, ...] = option_setting(
         (),
-        "Predict this sensor (its bearings, or all boxes of --views) from tracks made without it; may be repeated.",
+        "Predict the bearings of this sensor, or its boxes in --views, from tracks made without it; may be repeated.",
         repeat=True,
         metavar="SENSOR",
         shown="none",
@@ -149,7 +154,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate: float = setting(
         0.05,
-        "Gate: a bearing within this angle of its prediction counts as predicted.",
+        "Gate: a held-out bearing within this angle of its prediction from the tracks counts as predicted.",
         above=0,
         scale=1e-3,
         option="--held-out-gate-mrad",
@@ -157,7 +162,7 @@ class EvaluateConfig(Settings):
     )
     held_out_gate_px: float = option_setting(
         100.0,
-        "Gate: a box within this distance of a predicted track counts as predicted.",
+        "Gate: a held-out box within this distance of a track projected into the image counts as predicted.",
         unit="px",
         above=0,
         kinds=WORLD,
@@ -170,7 +175,7 @@ class EvaluateConfig(Settings):
     )
     triangulation_window_s: float = setting(
         0.0,
-        "Observations closer together in time make one scan.",
+        "Observations closer together in time than this make one scan.",
         unit="s",
         at_least=0,
         at_most=1e9,
@@ -183,7 +188,8 @@ class EvaluateConfig(Settings):
     )
     triangulation_tolerance: float | None = option_setting(
         None,
-        "Also report the share of scans in which the track is within this distance of the triangulated point.",
+        "Also report the share of scans in which the track is within this distance of the triangulated point [m, or "
+        "scene unit].",
         above=0,
         metavar="LENGTH",
         kinds=WORLD,

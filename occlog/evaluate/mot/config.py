@@ -77,7 +77,7 @@ class MultiTargetConfig(Settings):
     )
     track_gap_s: float | None = setting(
         None,
-        "On the ground: maximum gap to interpolate in tracks of many targets.",
+        "On the ground: maximum gap in time to interpolate in tracks of many targets.",
         at_least=0,
         at_most=1e9,
         option="--track-gap",
@@ -87,7 +87,7 @@ class MultiTargetConfig(Settings):
     )
     gospa_cutoff: float | None = option_setting(
         None,
-        "Cutoff of GOSPA, of 1 - IoU or of the distance on the ground.",
+        "Cutoff c of GOSPA: of 1 - IoU for boxes, of the distance on the ground otherwise [m, or scene unit].",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         nothing="1 minus --iou-threshold for boxes, else --match-distance",
@@ -97,7 +97,7 @@ class MultiTargetConfig(Settings):
     gospa_alpha: float = option_setting(2.0, "Parameter alpha of GOSPA.", above=0, at_most=2, kinds=MANY)
     gospa_switch_penalty: float | None = option_setting(
         None,
-        "On the ground: switch penalty of trajectory GOSPA.",
+        "On the ground: switch penalty of trajectory GOSPA, in the unit of the cutoff.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
@@ -106,7 +106,7 @@ class MultiTargetConfig(Settings):
     )
     ospa_cutoff: float | None = option_setting(
         None,
-        "Cutoff of OSPA(2), on the ground.",
+        "Cutoff c of OSPA(2), on the ground.",
         unit="length",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
@@ -114,7 +114,7 @@ class MultiTargetConfig(Settings):
         kinds=(GROUND,),
     )
     ospa_p: float = option_setting(
-        1.0, "Exponent of OSPA(2), on the ground.", at_least=1, at_most=MAX_POWER, kinds=(GROUND,)
+        1.0, "Exponent p of OSPA(2), on the ground.", at_least=1, at_most=MAX_POWER, kinds=(GROUND,)
     )
     ospa_window: int | None = option_setting(
         None,
@@ -135,7 +135,7 @@ class MultiTargetConfig(Settings):
     )
     gospa_px: float | None = option_setting(
         None,
-        "Also report GOSPA of box centres in the image, with this cutoff.",
+        "Also report GOSPA of box centres in the image, with this cutoff [px].",
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         metavar="PX",

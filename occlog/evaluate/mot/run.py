@@ -29,7 +29,7 @@ from occlog.io.formats.boxes.mot_challenge import (
     PEDESTRIAN,
     Marks,
     MotSequence,
-    SequenceInfo,
+    WrittenSequence,
     has_classes,
     read_marks,
     write_layout,
@@ -113,8 +113,8 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
     )
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
-            f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
-            f"there is {option('gospa_px')}",
+            f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: the distance of boxes is 1 - IoU, at most 1; for a "
+            f"cutoff in pixels give {option('gospa_px')}",
             id="not-applicable",
         )
     return config
@@ -178,7 +178,10 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
     how = f"{option('benchmark')} mot15"
     statement = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
     if skipped.all():
-        raise InputError(f"{path}: {statement}; if class {min(kinds)} means people, give {how}, which counts all boxes")
+        raise InputError(
+            f"{path}: all {len(skipped)} true boxes are skipped by the rules of {rule} ({classes}); if class "
+            f"{min(kinds)} means people, count them with {how}"
+        )
     return (f"{path}: {statement}; {how} counts all boxes",)
 
 
@@ -211,7 +214,8 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
         raise UsageError(
-            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes (the eighth)",
+            f"{option('benchmark')} {config.benchmark}: needs classes, but {truth} has no column of them (the "
+            "eighth); add it, or give mot15",
             id="missing-column",
         )
     return config.benchmark
@@ -342,14 +346,15 @@ def _read_text(
         )
     if is_header(head):
         raise InputError(
-            f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes",
+            f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes (occlog "
+            "ingest --boxes)",
             id="unknown-format",
         )
     file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=marked, use_confidence=marked)
     survey = survey_boxes(file, (), how)
     if survey.stop > MAX_FRAMES:
         raise InputError(
-            f"{path}: frame {survey.stop}; the limit is {MAX_FRAMES} frames; correct the number", id="input-too-large"
+            f"{path}: frame number {survey.stop} is beyond the limit of {MAX_FRAMES}; correct it", id="input-too-large"
         )
     if last is not None:
         survey = replace(survey, ranges={camera: range(max(survey.stop, last + 1))})
@@ -363,6 +368,6 @@ def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequenc
     for view, name in enumerate(compared.views):
         width, height = sizes.get(name) or image_size(compared, view)
         frames = int(compared.number[view].max()) + 1
-        info = SequenceInfo(name, frames, frame_rate(compared, view), width, height)
+        info = WrittenSequence(name, frames, frame_rate(compared, view), width, height)
         out.append(MotSequence(info, *view_boxes(compared, view)))
     return out

@@ -428,7 +428,8 @@ class _Side:
         if what == "truth" and config.frames is not None and self.frames is not None and not self.rows:
             first, stop = config.frames
             raise InputError(
-                f"truth: no row in frames {first}:{stop}; they are {self.frames[0]} to {self.frames[1]}",
+                f"truth: no row in frames {first}:{stop} of {option('frames')}; its frames are {self.frames[0]} to "
+                f"{self.frames[1]}",
                 id="empty-input",
             )
 

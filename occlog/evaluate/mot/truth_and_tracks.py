@@ -137,8 +137,8 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
     both = tuple(name for name in true if name in ours)
     if not both:
         raise InputError(
-            f"tracks: their cameras ({', '.join(tracked)}) are none of the truth ({', '.join(true)}); "
-            "the names must be the same",
+            f"tracks: their cameras ({', '.join(tracked)}) are none of the truth ({', '.join(true)}); use the same "
+            "names in both",
             id="disjoint-inputs",
         )
     return both, tuple(name for name in true if name not in ours)
@@ -346,12 +346,13 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
     stop = int(truth.frame.max()) + 1
     if stop > MAX_FRAMES:
         raise InputError(
-            f"{path}: frame {stop - 1}; the limit is {MAX_FRAMES} frames; correct the number", id="input-too-large"
+            f"{path}: frame number {stop - 1} is beyond the limit of {MAX_FRAMES}; correct it", id="input-too-large"
         )
     rate = float(NS / np.median(np.diff(t_ns) / np.diff(frame)))
     if config.fps is not None and abs(config.fps - rate) > SAME_RATE * rate:
         raise UsageError(
-            f"{option('fps')} {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out",
+            f"{option('fps')} {config.fps:g}: contradicts the times of the tracks ({rate:.4g} frames a second), "
+            "which are used; leave it out",
             id="not-applicable",
         )
     known = dict(zip(frame.tolist(), t_ns.tolist(), strict=True))
@@ -373,7 +374,7 @@ def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetC
         )
     if config.first_number is not None and name != "xml":
         raise UsageError(
-            f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers",
+            f"{option('first_number')} is for true boxes in XML; {path} has frame numbers of its own, leave it out",
             id="not-applicable",
         )
 

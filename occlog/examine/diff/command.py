@@ -25,37 +25,48 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
     type=click.FloatRange(min=0),
     default=RTOL,
     show_default=True,
-    help="Relative tolerance of fractional numbers.",
+    help="Relative tolerance RTOL of floating-point numbers: |a - b| <= ATOL + RTOL max(|a|, |b|).",
 )
 @click.option(
     "--atol",
     type=click.FloatRange(min=0),
     default=0.0,
     show_default=True,
-    help="Absolute tolerance of fractional numbers.",
+    help="Absolute tolerance ATOL of floating-point numbers, in the unit of the column; see --rtol.",
 )
 @click.option(
     "--tol",
     multiple=True,
     metavar="COLUMN=ATOL[:RTOL]",
-    help="Tolerance of a column (or TABLE.COLUMN, or a JSON key) instead of --rtol and --atol; may be repeated.",
+    help="Tolerance COLUMN=ATOL[:RTOL] of a column (or TABLE.COLUMN, or a JSON key) instead of --atol "
+    "and --rtol; may be repeated.",
 )
 @click.option(
     "--tol-unit",
     multiple=True,
     metavar="UNIT=ATOL[:RTOL]",
-    help="Tolerance of all columns in a unit (rad, m, cm, px, m^2, ...) instead of --rtol and --atol; may be repeated.",
+    help="Tolerance UNIT=ATOL[:RTOL] of all columns in a unit (rad, m, cm, px, m^2, ...) instead of --atol "
+    "and --rtol; may be repeated.",
 )
 @click.option(
     "--time-tol",
     default="0ns",
     show_default=True,
     metavar="DURATION",
-    help="Rows within this time are the same row, e.g. 1ms.",
+    help="Largest difference in time of two rows that are compared with each other, with its unit: 1ms.",
 )
-@click.option("--exclude", multiple=True, metavar="GLOB", help="Exclude files of a folder; may be repeated.")
-@click.option("--pixels", is_flag=True, help="Compare frames by their pixels, not by how they are compressed.")
-@click.option("--provenance", is_flag=True, help="Compare the provenance too.")
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="GLOB",
+    help="Exclude the files of folders with names of this pattern, such as 'report.*'; may be repeated.",
+)
+@click.option(
+    "--pixels",
+    is_flag=True,
+    help="Compare frames of recordings by their decoded pixels, not by their compressed bytes.",
+)
+@click.option("--provenance", is_flag=True, help="Compare the provenance too: version, settings and inputs.")
 @options.json_opt
 def command(
     a: Path,

@@ -12,7 +12,7 @@ from occlog.array_types import Ints, Strings
 from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
-from occlog.records.columns import ColumnTable, check_order, column
+from occlog.records.columns import ColumnTable, column
 
 from .content import compare_provenance, compare_verdicts, diff_json, values_in
 from .result import DiffResult, DiffSettings
@@ -29,14 +29,10 @@ class RecordedMessages(ColumnTable):
     NAME: ClassVar[str] = "messages"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "topic")
 
-    t_ns: Ints = column("i8", "ns", "time of the message since the Unix epoch")
-    topic: Strings = column("U", "1", "topic, or camera for decoded frames")
-    number: Ints = column("i8", "1", "sequence number, or number of the frame")
-    content: Strings = column("U", "1", "SHA-256 of the content")
-
-    def check(self) -> None:
-        """Raise ValueError if times are not in order."""
-        check_order(self)
+    t_ns: Ints = column("time of the message since the Unix epoch", "ns")
+    topic: Strings = column("topic, or camera for decoded frames")
+    number: Ints = column("sequence number, or number of the frame")
+    content: Strings = column("SHA-256 of the content")
 
 
 def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:

@@ -146,7 +146,10 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         seen.add(path.resolve())
         check_video(path, findings)
     elif path.suffix.lower() in (".mcap", ".parquet"):
-        raise InputError(f"{path}: its first bytes are not those of its ending", id="damaged-file")
+        raise InputError(
+            f"{path}: does not begin as a {path.suffix.lower()} file does; copy it again, or correct its ending",
+            id="damaged-file",
+        )
     else:
         return check_text_file(path, findings)
     return True

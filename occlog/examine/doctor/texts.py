@@ -13,7 +13,7 @@ from occlog.array_types import Ints, Uints
 from occlog.errors import InputError, UsageError
 from occlog.io.external.source import find_source
 from occlog.io.external.table import ExternalTable, best_fit
-from occlog.io.files.limits import read_configuration
+from occlog.io.files.limits import bounded_text
 from occlog.io.files.texts.csv_rows import CsvRows, report_bad_lines_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
 from occlog.io.files.texts.formats import Probe, recognise
@@ -162,7 +162,7 @@ def _directions(path: Path, findings: Findings) -> bool:
 
 def _yaml(path: Path, findings: Findings) -> bool:
     try:
-        documents = yaml_documents(read_configuration(path, "YAML"), path, "YAML")
+        documents = yaml_documents(bounded_text(path, "YAML"), path, "YAML")
     except InputError as error:
         findings.refused("unreadable", error)
         return True
@@ -200,7 +200,7 @@ def _structured(path: Path, kind: str, findings: Findings) -> bool:
     Return False only for a well-formed file that is no calibration of a known format. `kind`: ending of its name.
     """
     try:
-        text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
+        text = bounded_text(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
         parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")
     except InputError as error:
         findings.refused("unreadable", error)
@@ -213,7 +213,7 @@ def _json(path: Path, findings: Findings) -> bool:
         source = box_source(path)
     except InputError as of_boxes:
         try:
-            value = parse_json(read_configuration(path, "JSON", limit=MAX_JSON_BYTES), path, "JSON")
+            value = parse_json(bounded_text(path, "JSON", limit=MAX_JSON_BYTES), path, "JSON")
         except InputError as error:
             if not _directions(path, findings):
                 findings.refused("unreadable", error)

@@ -57,11 +57,27 @@ LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}"
     default=None,
     metavar="NAME",
     shell_complete=lambda ctx, param, begun: [name for name in FORMATS if name.startswith(begun)],  # noqa: ARG005
-    help="Format: one of these, or the exporter of a plug-in. [default: by the ending of the output]",
+    help="Format: one of the names above, or the exporter of a plug-in. [default: by the ending of the output]",
 )
-@click.option("--table", default=None, metavar="NAME", help="Table of a recording. [default: the first that fits]")
-@click.option("--target", "targets", type=int, multiple=True, help="Only this target; may be repeated.")
-@click.option("--camera", default=None, metavar="NAME", help="Camera, for text formats of a single camera.")
+@click.option(
+    "--table",
+    default=None,
+    metavar="NAME",
+    help="Name of the table of a recording to export. [default: the first one that the format can hold]",
+)
+@click.option(
+    "--target",
+    "targets",
+    type=int,
+    multiple=True,
+    help="Only this target (target_id), for formats of trajectories; may be repeated.",
+)
+@click.option(
+    "--camera",
+    default=None,
+    metavar="NAME",
+    help="Camera of which boxes are written, for text formats of a single camera (mot, kitti).",
+)
 @click.option(
     "--origin",
     default=None,
@@ -93,7 +109,7 @@ LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}"
     type=click.IntRange(16, 8192),
     default=None,
     metavar="PX",
-    help="Viewers: images higher than this are downscaled. [default: 720]",
+    help="Viewers: images higher than this are downscaled. [default: 720 px]",
 )
 @every_opt
 @options.quiet_opt

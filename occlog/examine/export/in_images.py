@@ -10,7 +10,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError, option
-from occlog.io.formats.boxes.mot_challenge import SequenceInfo
+from occlog.io.formats.boxes.mot_challenge import WrittenSequence
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Views
@@ -91,7 +91,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
-            f"the text holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
+            f"a text of boxes holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
             id="ambiguous-input",
         )
     if camera is not None and camera not in cameras:
@@ -101,7 +101,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     return camera if camera is not None else next(iter(cameras), None)
 
 
-def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
+def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> WrittenSequence:
     """Return the content of MOTChallenge's `seqinfo.ini` for one camera: frames up to the last with a row, mean rate.
 
     Args:
@@ -130,7 +130,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
             f"{chosen} has one frame only, so that the frame rate in seqinfo.ini is not known", id="insufficient-data"
         )
     rate_hz = NS * float(last.number - first.number) / float(last.t_ns - first.t_ns)
-    return SequenceInfo(folder, last.number + 1, round(rate_hz, 6), *size)
+    return WrittenSequence(folder, last.number + 1, round(rate_hz, 6), *size)
 
 
 def kitti_text(boxes: Boxes) -> str:

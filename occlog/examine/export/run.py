@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import gzip
+import io
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TypeVar, cast
+from typing import IO, Any, TypeVar, cast
 
 import numpy as np
 
@@ -45,38 +46,22 @@ from .trajectories import (
 )
 
 
-class Sink:
+class Sink(io.RawIOBase):
     """Write-only view of a file for exporter plug-ins: they can neither close, seek nor read it."""
 
     def __init__(self, file: IO[bytes]) -> None:
         """Wrap an open binary file, which its owner closes."""
         self._file = file
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: Any) -> int:
         """Write bytes to the file and return their number; TypeError for anything but bytes."""
         if not isinstance(data, bytes | bytearray | memoryview):
-            raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
+            raise TypeError(f"an exporter writes bytes, not {type(data).__name__}; encode the text")
         return self._file.write(data)
 
     def writable(self) -> bool:
         """Return True, as wrappers such as `io.TextIOWrapper` require."""
         return True
-
-    def readable(self) -> bool:
-        """Return False: the file cannot be read."""
-        return False
-
-    def seekable(self) -> bool:
-        """Return False: the position in the file cannot be changed."""
-        return False
-
-    @property
-    def closed(self) -> bool:
-        """False, as wrappers such as `io.TextIOWrapper` require; the owner closes the file."""
-        return False
-
-    def flush(self) -> None:
-        """Do nothing: the owner flushes the file."""
 
     def close(self) -> None:
         """Do nothing: the owner closes the file."""
@@ -107,7 +92,7 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
             continue
         if not hasattr(rows, column):
             raise UsageError(
-                f"{option}: format {name} writes {rows.NAME}, which have none; leave it out", id="not-applicable"
+                f"{option}: format {name} writes {rows.NAME}, which have no {column}; leave it out", id="not-applicable"
             )
         rows = rows.take(np.isin(getattr(rows, column), given))
     return rows
@@ -177,7 +162,8 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     opened = open_input(request.input)
     if name != "geojson" and origin_is_unused():
         raise UsageError(
-            f"origin: format {name} takes none, and the input has no latitudes and longitudes", id="not-applicable"
+            f"origin: format {name} takes none, and the input has no latitudes and longitudes; leave it out",
+            id="not-applicable",
         )
     table = _table(opened, form, name, request.table)
     scene = load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene

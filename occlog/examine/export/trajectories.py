@@ -280,8 +280,8 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
     names = np.array(sorted(known), dtype=np.int64)
     if (cells := 3 * len(names) * n_steps) > MAX_CELLS:
         raise InputError(
-            f"{len(names)} targets at {n_steps} times are {cells} cells in TRC, at most {MAX_CELLS}; export targets by "
-            "--target, or to CSV",
+            f"{len(names)} targets at {n_steps} times are {cells} cells in TRC, at most {MAX_CELLS}; export fewer with "
+            f"{option('target')}, or CSV",
             id="problem-too-large",
         )
     rate = NS / quantiles(steps.blocks, steps.count, [0.5])[0] if steps.count else 1.0

@@ -16,7 +16,7 @@ every_opt = click.option(
     type=Finite(1e-3, 1e6),
     default=None,
     metavar="SECONDS",
-    help="Viewers: minimum time between images, drawings and numbers, for long recordings. [default: all]",
+    help="For viewers: minimum time between images, drawings and numbers in the file. [default: all]",
 )
 
 

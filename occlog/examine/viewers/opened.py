@@ -107,7 +107,7 @@ def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
         except OSError as error:
             raise OutputError(f"{program}: cannot be started: {error.strerror or error}") from error
         if code:
-            raise OutputError(f"{program}: ended with code {code}; its own words are above")
+            raise OutputError(f"{program}: ended with code {code}; its own messages are above")
     return shlex.join(line)
 
 

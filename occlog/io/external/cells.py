@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -65,35 +66,21 @@ class TableCells(Protocol):
         """The cells of the rows start <= row < stop."""
 
 
-class TextCells:
-    """Cells of a text table (CSV), which parses texts on access."""
+@dataclass(frozen=True)
+class TextCells(CsvRows):
+    """Cells of a text table (CSV), with the file's own column names; texts are parsed on access."""
 
-    def __init__(self, rows: CsvRows) -> None:
-        """Create from rows with the file's own column names."""
-        self._rows = rows
-
-    def __len__(self) -> int:
-        """Number of rows."""
-        return len(self._rows)
-
-    def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers of a column; empty cells are NaN if `blank` is true, else an error."""
-        return self._rows.floats(name, blank=blank)
-
-    def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers of a column; `blank` replaces empty cells (None: empty cells are an error)."""
-        if blank is None:
-            return self._rows.ints(name)
-        empty = np.isnan(self._rows.floats(name, blank=True))
-        filled = np.where(empty, str(blank), self._rows.cells[name])
-        return CsvRows(self._rows.path, self._rows.lines, {name: filled}, self._rows.location).ints(name)
+    @classmethod
+    def of(cls, rows: CsvRows) -> TextCells:
+        """The cells of some rows of a text table."""
+        return cls(rows.path, rows.lines, rows.cells, rows.location, rows.files)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
         """(n,) texts of a column; empty cells are an error unless `blank` is true.
 
         A quote before a formula character, which spreadsheets add, is removed.
         """
-        texts = self._rows.cells[name]
+        texts = self.cells[name]
         if not blank and (texts == "").any():
             raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
         marked = np.char.startswith(texts, "'")
@@ -106,37 +93,29 @@ class TextCells:
         """
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(
-            f"{self._rows.path}: each cell of column {name} must be a list of {numbers}, which a text table cannot "
+            f"{self.path}: each cell of column {name} must be a list of {numbers}, which a text table cannot "
             "hold; give Parquet or Arrow",
             id="wrong-content",
         )
 
     def bools(self, name: str) -> Bools:
         """(n,) booleans of a column: true, false, yes, no, 1 or 0, in any case of letters."""
-        return _yes_or_no(self, name, self._rows.cells[name])
+        return _yes_or_no(self, name, self.cells[name])
 
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times of the column `name` [ns since the Unix epoch].
 
         An empty `unit` of numbers is inferred from their size.
         """
-        return parse_times(self._rows, name, unit)
-
-    def steps(self, name: str) -> Floats:
-        """(n,) value of the last digit of each number that is written with a positive exponent (`1.2e9`); else 0."""
-        return self._rows.steps(name)
+        return parse_times(self, name, unit)
 
     def raw(self, name: str) -> list[object]:
         """(n,) texts of a column as in the file."""
-        return list(self._rows.cells[name].tolist())
-
-    def fail(self, row: int, message: str) -> InputError:
-        """InputError, to be raised, with the file, the line of row `row` and a message."""
-        return self._rows.fail(row, message)
+        return list(self.cells[name].tolist())
 
     def part(self, start: int, stop: int) -> TextCells:
         """The cells of the rows start <= row < stop."""
-        return TextCells(self._rows.pick(np.arange(start, stop)))
+        return self.pick(np.arange(start, stop))
 
 
 class ArrowCells:
@@ -222,7 +201,7 @@ class ArrowCells:
     def _in_text(self, name: str, column: pa.Array) -> TextCells:
         """Cells of a text column, which are parsed as those of CSV files; `name` is that of the column."""
         texts = to_texts(column, f"{self._path}: column {name}", MAX_CELL)
-        return TextCells(CsvRows(self._path, self._first + np.arange(len(self)), {name: texts}, "row"))
+        return TextCells(self._path, self._first + np.arange(len(self)), {name: texts}, "row")
 
     def _whole(self, name: str, column: pa.Array) -> pa.Array:
         """Cast the integers or decimals of a column to int64.
@@ -275,7 +254,7 @@ class ArrowCells:
             raise self.fail(row, f"{name} has {lengths[row]} numbers; {width} were expected")
         if (beyond := _beyond(flat := column.flatten())).any():
             value = _shown(flat[int(np.flatnonzero(beyond)[0])])
-            raise InputError(f"{self._path}: column {name} has {value}; numbers within {EXACT:.0f} were expected")
+            raise InputError(f"{self._path}: column {name} has {value}; whole numbers must be within +-{EXACT:.0f}")
         out = np.full((len(self), width), np.nan)
         numbers = pc.fill_null(pc.cast(flat, pa.float64()), np.nan)
         out[there] = to_numpy(numbers).reshape(-1, max(width, 1))

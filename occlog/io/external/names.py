@@ -434,7 +434,8 @@ def _check_angles(layout: TableLayout, there: Mapping[str, str]) -> None:
             )
         if _is_time_difference(s.column) and not s.unit and TIME not in there:
             raise InputError(
-                f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m",
+                f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m, "
+                f"or give {option('input_units')} {s.name}=us",
                 id="missing-unit",
             )
 

@@ -167,7 +167,7 @@ def _places_of_stream(file: _Bytes) -> Iterator[int]:
         yield at
         length = head.number(BODY_LENGTH, "<q")
         if length < 0:
-            raise ValueError(f"the Arrow message at byte {at} has a body of {length} bytes")
+            raise ValueError(f"the Arrow message at byte {at} has a body of negative size ({length} bytes)")
         at = body + length
 
 
@@ -184,7 +184,7 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
         unpacked = sum(max(struct.unpack("<q", file.read(start, 8))[0], 0) for start in offsets)
     rows = batch.number(LENGTH, "<q") if kind == BATCH else 0
     if rows < 0:
-        raise ValueError(f"the Arrow message at byte {at} has {rows} rows")
+        raise ValueError(f"the Arrow message at byte {at} has a negative number of rows ({rows})")
     return ArrowMessageHeader(rows, unpacked)
 
 
@@ -257,12 +257,12 @@ class ColumnSource(NamedTuple):
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
         """Yield the cells of the columns `names` as stored in the file, in parts, in file order."""
         if self.trajectories is not None:
-            yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
+            yield from map(TextCells.of, self.trajectories.read(self.path))
             return
         if self.kind == "CSV":
             columns = {name: (name.lower(),) for name in names}
             rows = read_rows(self.path, columns, WHAT, ignore_extra=True, commented=self.commented)
-            yield from map(TextCells, rows)
+            yield from map(TextCells.of, rows)
             return
         for part in self.parts or (self.path,):
             with _translated(part, self.kind):
@@ -285,7 +285,8 @@ def find_source(path: Path) -> ColumnSource | None:
     found = _find_source(path)
     if found is not None and len(found.names) > MAX_COLUMNS:
         raise InputError(
-            f"{path}: {len(found.names)} columns; a table of at most {MAX_COLUMNS} was expected", id="input-too-large"
+            f"{path}: {len(found.names)} columns; at most {MAX_COLUMNS} are read; remove those that are not needed",
+            id="input-too-large",
         )
     columns = None if found is None or found.trajectories is not None else geodetic_columns(found.names)
     if found is None or columns is None:
@@ -348,7 +349,7 @@ def _find_parts(folder: Path) -> ColumnSource | None:
             others = sorted(set(names) ^ set(first))
             raise InputError(
                 f"{part}: columns {', '.join(others[:5])} are in this file or in {parts[0].name}, but not in both; "
-                "give a single file",
+                "write the same columns in all files",
                 id="incompatible-inputs",
             )
         first = first or names

@@ -373,7 +373,7 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
     try:
         return lay_out(source.names, table, source.fps, source.path)
     except InputError as error:
-        raise InputError(f"{source.path}: {error}") from None
+        raise InputError(f"{source.path}: {error}") from error
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
@@ -575,7 +575,7 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
     try:
         return table.of(**values)
     except InputError as error:
-        raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from None
+        raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from error
 
 
 def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.generic]) -> None:

@@ -303,7 +303,7 @@ def _create(path: Path) -> tuple[int, Path | None]:
 
 def _check_absent(path: Path, overwrite: bool) -> None:
     if not overwrite and path.exists():
-        raise OutputExistsError(f"{path}: another program has written it meanwhile")
+        raise OutputExistsError(f"{path}: another program wrote it during this run; it was not replaced")
 
 
 def _name(fd: int, name: Path | None, path: Path) -> None:

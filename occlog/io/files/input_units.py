@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from occlog.errors import InputError, UsageError, did_you_mean
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.settings import METRES
 
 ANGLES, TIMES = ("deg", "rad"), ("s", "ms", "us", "ns")
@@ -67,10 +67,13 @@ class StatedUnits:
         stated = self.columns[found]
         if stated not in KINDS.get(kind, ()):
             wanted = f"units of {kind}s are {', '.join(KINDS[kind])}" if kind else "it has no unit"
-            raise InputError(f"column {name} cannot be in {stated}; {wanted}", id="unit-mismatch")
+            raise InputError(
+                f"column {name} cannot be in {stated}, as {option('input_units')} states; {wanted}", id="unit-mismatch"
+            )
         if by_name and by_name != stated:
             raise UsageError(
-                f"column {name} is in {by_name} by its name, but stated to be in {stated}; state {by_name} or nothing",
+                f"{path or 'input'}: column {name} is in {by_name} by its name, but {option('input_units')} states "
+                f"{stated}; state {by_name} or nothing",
                 id="unit-mismatch",
             )
         return stated

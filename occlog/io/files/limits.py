@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
+from typing import Literal
 
 from occlog.errors import InputError
 
@@ -73,7 +74,9 @@ def check_input(path: Path, what: str) -> Path:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     except ValueError:  # a zero byte
-        raise InputError(f"{str(path)!r}: no name of a file; {what} was expected", id="not-a-file") from None
+        raise InputError(
+            f"{str(path)!r}: has the character 0 (NUL), so is no name of a file; {what} was expected", id="not-a-file"
+        ) from None
     if status.st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again", id="empty-input")
     return path
@@ -238,17 +241,23 @@ def naming(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}", id=error.id) from None
 
 
-def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES) -> str:
+def bounded_text(
+    path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES, encoding: Literal["utf-8", "utf-8-sig"] = "utf-8"
+) -> str:
     """Text of a UTF-8 file; InputError if it is unreadable, not UTF-8, or larger than `limit` bytes.
 
-    `what` describes the expected content, for messages.
+    Args:
+        path: the file.
+        what: expected content, for messages.
+        limit: largest size [bytes].
+        encoding: `utf-8-sig` leaves out a byte order mark at the beginning.
     """
     path = check_input(path, what)
     size = path.stat().st_size
     if size > limit:
         raise InputError(f"{path}: {size} bytes; {what} was expected, of at most {limit} bytes", id="input-too-large")
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding=encoding)
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: byte {error.start}: not UTF-8 text; {what} was expected", id="wrong-encoding"

@@ -30,6 +30,11 @@ RECORD_BYTES_IN_MEMORY = 1 << 23
 Records = np.ndarray[Any, np.dtype[Any]]
 
 
+def _scratch(in_memory: int) -> tempfile.SpooledTemporaryFile[bytes]:
+    """Temporary file without a name, in memory as long as it has at most `in_memory` bytes."""
+    return tempfile.SpooledTemporaryFile(max(in_memory, 1))
+
+
 class Blocks:
     """Temporary array of records of one NumPy dtype in blocks of equal length, on disk if it is large.
 
@@ -46,9 +51,7 @@ class Blocks:
             block: number of records in a block.
             in_memory: bytes that are kept in memory; if there are more, all are in a temporary file.
         """
-        self._record, self._block, self._in_memory = record, block, in_memory
-        self._file: IO[bytes] | None = None
-        self._kept: dict[int, Records] = {}
+        self._record, self._block, self._file = record, block, _scratch(in_memory)
         self._open: list[Records] = []
         self._rows = 0
         self.count = 0
@@ -56,8 +59,7 @@ class Blocks:
 
     def __del__(self) -> None:
         """Close the temporary file."""
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def append(self, rows: Records) -> None:
         """Append records (n,); OutputError if the folder for temporary files is full."""
@@ -81,28 +83,13 @@ class Blocks:
 
     def put(self, number: int, rows: Records) -> None:
         """Store a copy of `rows` as block `number`, replacing the old one; only the last block may be shorter."""
-        if self._file is None:
-            self._kept[number] = rows.copy()
-            if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:
-                return
         with translate_write_errors(Path(tempfile.gettempdir())):
-            if self._file is None:
-                self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as these are
-                for at, each in self._kept.items():
-                    self._write(self._file, at, each)
-                self._kept = {}
-            else:
-                self._write(self._file, number, rows)
+            self._file.seek(number * self._block * self._record.itemsize)
+            self._file.write(rows.tobytes())
             self._file.flush()
 
-    def _write(self, file: IO[bytes], number: int, rows: Records) -> None:
-        file.seek(number * self._block * self._record.itemsize)
-        file.write(rows.tobytes())
-
     def get(self, number: int) -> Records:
-        """Records of block `number`: a view of the memory, or a read-only copy from the file."""
-        if self._file is None:
-            return self._kept[number]
+        """Records of block `number`, a read-only copy."""
         self._file.seek(number * self._block * self._record.itemsize)
         return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
 
@@ -129,47 +116,31 @@ class Spool:
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Start empty; up to `in_memory` numbers stay in memory."""
-        self._file: IO[bytes] | None = None
         self.count = 0
-        self._in_memory = in_memory
-        self._parts: list[Floats] = []
-        self._kept = 0
+        self._in_memory, self._file = in_memory, _scratch(8 * in_memory)
 
     def __del__(self) -> None:
         """Close the temporary file."""
-        if self._file is not None:
-            self._file.close()
+        self._file.close()
 
     def add(self, values: Floats) -> None:
         """Add a copy of values (n,); OutputError if the folder for temporary files is full."""
+        with translate_write_errors(Path(tempfile.gettempdir())):
+            self._file.seek(8 * self.count)
+            self._file.write(np.asarray(values, dtype=np.float64).tobytes())
+            self._file.flush()
         self.count += len(values)
-        self._parts.append(np.array(values, dtype=np.float64))
-        self._kept += len(values)
-        if self._kept > self._in_memory:
-            with translate_write_errors(Path(tempfile.gettempdir())):
-                if self._file is None:
-                    self._file = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the spool
-                for part in self._parts:
-                    self._file.write(part.tobytes())
-                self._file.flush()
-            self._parts, self._kept = [], 0
 
     @property
     def whole(self) -> Floats | None:
-        """(N,) all numbers, if they are in memory; None if some are on disk."""
-        if self._file is not None:
-            return None
-        self._parts = [np.concatenate([np.zeros(0), *self._parts])]
-        return self._parts[0]
+        """(N,) all numbers, if they are in memory; None if they are on disk."""
+        return None if self.count > self._in_memory else np.concatenate([np.zeros(0), *self.blocks()])
 
     def blocks(self) -> Iterator[Floats]:
         """Yield all numbers in the order in which they were added, in arrays of limited length."""
-        if self._file is not None:
-            self._file.seek(0)
-            while data := self._file.read(8 * NUMBERS_PER_BLOCK):
-                yield np.frombuffer(data, dtype=np.float64)
-            self._file.seek(0, 2)
-        yield from self._parts
+        for first in range(0, self.count, NUMBERS_PER_BLOCK):
+            self._file.seek(8 * first)
+            yield np.frombuffer(self._file.read(8 * NUMBERS_PER_BLOCK), dtype=np.float64)
 
 
 T = TypeVar("T", bound=ColumnTable)

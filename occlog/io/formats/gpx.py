@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from occlog.errors import InputError, option
 from occlog.io.files.geodetic import begin_positions, has_heights, note_unused_heights, positions_on_earth
-from occlog.io.files.limits import check_input, guarded
 from occlog.io.files.texts.csv_rows import CsvRows
+from occlog.io.files.texts.documents import xml_events
 
 WHAT = "GPX with times"
 MARK = b"<gpx"
@@ -36,14 +36,9 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
         InputError: it is not XML, a point has no time or position, or no track has a point.
         UsageError: the geodetic origin of the scene is not stated.
     """
-    points: list[tuple[int, str, float, float, float]] = []
-    number = 0
-    for number, (track, time, latitude, longitude, height) in enumerate(_points(path), start=1):
-        points.append((track, time, latitude, longitude, height))
-        if len(points) == POINTS_PER_CHUNK:
-            yield _rows(path, points, number)
-            points = []
-    if points:
+    found, number = _points(path), 0
+    while points := list(islice(found, POINTS_PER_CHUNK)):
+        number += len(points)
         yield _rows(path, points, number)
     if not number:
         raise InputError(f"{path}: no track (<trk>) has a point (<trkpt>); {WHAT} was expected", id="empty-input")
@@ -52,42 +47,30 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
 def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
     """Yield number of the track (from 0), time as text, latitude and longitude [deg], height [m] (NaN: not stated)."""
     depth, track, number = 0, -1, 0
-    with check_input(path, WHAT).open("rb") as file:
-        events = iter(ElementTree.iterparse(file, ("start", "end")))
-        while True:
-            with guarded(path, WHAT):
-                try:
-                    event, element = next(events, ("", None))
-                except ElementTree.ParseError as error:
-                    raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
-                        id="invalid-syntax",
-                    ) from None
-            if element is None:
-                return
-            name = element.tag.rpartition("}")[2]
-            depth += 1 if event == "start" else -1
-            if depth > MAX_DEPTH:
-                raise InputError(
-                    f"{path}: more than {MAX_DEPTH} elements in one another; {WHAT} was expected", id="input-too-large"
-                )
-            if event == "start":
-                track += name == "trk"
-                continue
-            if name == "trkpt":
-                number += 1
-                texts = {child.tag.rpartition("}")[2]: (child.text or "").strip() for child in element}
-                where = f"{path}: point {number}"
-                if not texts.get("time"):
-                    raise InputError(f"{where}: has no <time>; export the track with its times", id="missing-value")
-                values = [element.get("lat"), element.get("lon"), texts.get("ele") or "nan"]
-                try:
-                    latitude, longitude, height = (float(value or "") for value in values)
-                except ValueError:
-                    raise InputError(f"{where}: lat, lon or <ele> is not a number: {values}") from None
-                yield max(track, 0), texts["time"], latitude, longitude, height
-            if name in ("trkpt", "trkseg", "trk", "wpt", "rte"):
-                element.clear()
+    for event, element in xml_events(path, WHAT, ("start", "end")):
+        name = element.tag.rpartition("}")[2]
+        depth += 1 if event == "start" else -1
+        if depth > MAX_DEPTH:
+            raise InputError(
+                f"{path}: more than {MAX_DEPTH} elements in one another; {WHAT} was expected", id="input-too-large"
+            )
+        if event == "start":
+            track += name == "trk"
+            continue
+        if name == "trkpt":
+            number += 1
+            texts = {child.tag.rpartition("}")[2]: (child.text or "").strip() for child in element}
+            where = f"{path}: point {number}"
+            if not texts.get("time"):
+                raise InputError(f"{where}: has no <time>; export the track with its times", id="missing-value")
+            values = [element.get("lat"), element.get("lon"), texts.get("ele") or "nan"]
+            try:
+                latitude, longitude, height = (float(value or "") for value in values)
+            except ValueError:
+                raise InputError(f"{where}: lat, lon or <ele> is not a number: {values}") from None
+            yield max(track, 0), texts["time"], latitude, longitude, height
+        if name in ("trkpt", "trkseg", "trk", "wpt", "rte"):
+            element.clear()
 
 
 def _rows(path: Path, points: list[tuple[int, str, float, float, float]], last: int) -> CsvRows:
@@ -101,8 +84,6 @@ def _rows(path: Path, points: list[tuple[int, str, float, float, float]], last: 
             f"{path}: point {bad}: has no <ele>; leave the height out of {option('origin')}", id="missing-value"
         )
     xyz = positions_on_earth(degrees, np.array(heights) if has_heights() else None, where)
-    if np.isfinite(heights).any():
-        note_unused_heights(str(path))
     if np.isfinite(heights).any():
         note_unused_heights(str(path))
     cells = {"time": np.array(times), "target_id": np.array([str(track) for track in tracks])}

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.console.text import counted
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.limits import check_input, naming
+from occlog.io.files.limits import FREE_ROWS, check_input, naming
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
 from occlog.io.files.texts.formats import (
@@ -31,7 +32,7 @@ from occlog.io.files.texts.formats import (
     TextPart,
     read_format,
 )
-from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes, no_frame_times
 from occlog.io.files.timing.times import check_unit, time_column
 from occlog.records.tables import Positions
 
@@ -62,6 +63,8 @@ PLAIN = ("frame", "x", "y", "confidence")
 """Columns of a text without a header."""
 MIN_FRAME_STEPS = 10
 """Minimum number of successive frames that determine the step of frame numbers."""
+MAX_MISSING_PER_ROW = 20
+"""Frames without positions that a file may have for each of its rows, above `FREE_ROWS`: each becomes a row."""
 GRIDS = "0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's, 1,0,0 states metres"
 
 
@@ -144,7 +147,9 @@ def read_positions(path: Path, options: PositionOptions) -> PositionLog:
     counted = bool((rows.t_ns == NO_TIME).all())
     rows, skipped = _chosen(rows, options.frames) if counted else (rows, 0)
     if not len(rows.line):
-        raise InputError(f"{path}: holds no position of the frames that are chosen", id="empty-input")
+        raise InputError(
+            f"{path}: holds no position of the chosen frames; choose others ({option('frames')})", id="empty-input"
+        )
     step = _frame_step(rows.frame) if counted else 0
     if counted:
         rows = _timed(path, rows, options)
@@ -377,7 +382,7 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
             f"{path}: line {int(rows.line[row])}: frame {rows.frame[row] + options.first_number} is before "
-            f"{option('first_number')} {options.first_number}; give a smaller one"
+            f"{option('first_number')} {options.first_number}; give a smaller first number"
         )
     t_ns = rows.t_ns.copy()
     for name in np.unique(rows.sensor).tolist():
@@ -390,10 +395,7 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
 def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
     times = options.times.get(source, options.times.get(""))
     if times is None:
-        raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-            id="missing-times",
-        )
+        raise no_frame_times(path)
     return times
 
 
@@ -440,22 +442,41 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
         **{name: rows.covariance[:, k] for k, name in enumerate(COVARIANCE)},
         confidence=rows.confidence,
     )
-    empty = [_empty_frames(rows, name, options, step) for name in dict.fromkeys(rows.sensor.tolist())] if step else []
-    return Positions.merge([table, *empty])
+    missing = _missing_frames(rows, options.first_number, step) if step else {}
+    return Positions.merge([table, *(_empty_frames(frames, name, options) for name, frames in missing.items())])
 
 
-def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
-    """Rows with `detection` -1 for the frames of a source without positions between its first and last frame.
+def _missing_frames(rows: _Rows, first_number: int, step: int) -> dict[str, Ints]:
+    """Frame numbers without positions between the first and last frame of each source.
 
     Args:
         rows: rows with positions of all sources.
-        source: name.
-        options: has the frame times.
-        step: of frame numbers, if the source has too few frames to determine it.
+        first_number: number that the file gives frame 0, for the message.
+        step: of frame numbers, for sources with too few frames to determine it.
+
+    Raises:
+        InputError: there are more than `MAX_MISSING_PER_ROW` for each row, and than `FREE_ROWS`.
     """
-    there = np.unique(rows.frame[rows.sensor == source])
-    step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
-    missing = np.setdiff1d(np.arange(there[0], there[-1] + 1, step), there)
+    there = {name: np.unique(rows.frame[rows.sensor == name]) for name in dict.fromkeys(rows.sensor.tolist())}
+    spans = {
+        name: range(int(at[0]), int(at[-1]) + 1, _frame_step(at) if len(at) > MIN_FRAME_STEPS else step)
+        for name, at in there.items()
+    }
+    count, most = sum(len(spans[name]) - len(at) for name, at in there.items()), MAX_MISSING_PER_ROW * len(rows.frame)
+    if count > max(FREE_ROWS, most):
+        widest = max(spans.values(), key=len)
+        raise InputError(
+            f"frames {widest[0] + first_number} to {widest[-1] + first_number} have {counted(len(rows.frame), 'row')}: "
+            f"more than {max(FREE_ROWS, most)} without one; correct the numbers, or choose frames ({option('frames')})",
+            id="input-too-large",
+        )
+    return {
+        name: np.setdiff1d(np.arange(span.start, span.stop, span.step), there[name]) for name, span in spans.items()
+    }
+
+
+def _empty_frames(missing: Ints, source: str, options: PositionOptions) -> Positions:
+    """Rows with `detection` -1 for the frames `missing` (n,) of a source; `options` has the frame times."""
     n = len(missing)
     nothing = np.full(n, np.nan)
     return Positions.of(

@@ -14,14 +14,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from occlog.array_types import Ints, Strings
-from occlog.errors import InputError
+from occlog.errors import InputError, did_you_mean
 from occlog.io.files.names import natural_sorted, safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line
 from occlog.io.files.texts.formats import LENGTH, TEXT, FormatColumn, TextFormat, read_format
@@ -149,9 +148,7 @@ def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
     if not len(unknown):
         return
     name = str(rows.cells["reader"][unknown[0]])
-    near = get_close_matches(name, readers, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"readers: {', '.join(readers) or 'none'}"
-    raise rows.fail(int(unknown[0]), f"reader {name!r} has no position; {hint}")
+    raise rows.fail(int(unknown[0]), f"reader {name!r} has no position; {did_you_mean(name, readers, 'readers:')}")
 
 
 def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:

@@ -104,17 +104,19 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
         isinstance(corner, list) and len(corner) in (2, 3) and all(_is_number(v) for v in corner) for corner in corners
     )
     if not good or not isinstance(corners, list) or not corners:
-        raise InputError(f"{location}: its coordinates are no list of longitudes and latitudes")
+        raise InputError(f"{location}: its coordinates are no list of [longitude, latitude]; correct it")
     degrees = np.array([corner[:2] for corner in corners], dtype=np.float64)
     if (np.abs(degrees) > (180.0 + 1e-6, 90.0)).any():
-        raise InputError(f"{location}: a longitude is beyond 180 degrees, or a latitude beyond 90")
+        raise InputError(
+            f"{location}: a longitude is beyond 180 degrees, or a latitude beyond 90; the longitude comes first"
+        )
     identity: Any = properties.get("target_id")
     t_ns: Any = properties.get("t_ns")
     if not _is_whole(identity):
         raise InputError(f"{location}: has no whole number target_id among its properties", id="missing-value")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
         raise InputError(
-            f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners",
+            f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} positions",
             id="missing-value",
         )
     return identity, t_ns, degrees
@@ -179,7 +181,7 @@ def _lines(path: Path) -> Iterator[str]:
         except UnicodeDecodeError as error:
             bad = error.object[error.start]
             raise InputError(
-                f"{path}: byte {bad:#04x}: not UTF-8 text; TRC was expected", id="wrong-encoding"
+                f"{path}: has a byte {bad:#04x} that is not UTF-8; TRC is text, save it as UTF-8", id="wrong-encoding"
             ) from None
 
 
@@ -242,7 +244,9 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
             f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line", id="input-too-large"
         )
     if len(cells) > wanted and any(cells[wanted:]):
-        raise InputError(f"{path}: line {line}: {len(cells)} cells; lines of {len(targets)} markers have {wanted}")
+        raise InputError(
+            f"{path}: line {line}: {len(cells)} cells; lines of {len(targets)} markers have {wanted}; correct it"
+        )
     cells += [""] * (wanted - len(cells))
     for n, target in enumerate(targets):
         position = cells[2 + 3 * n : 5 + 3 * n]

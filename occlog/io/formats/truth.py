@@ -26,16 +26,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.limits import check_input, guarded, naming
+from occlog.io.files.limits import check_input, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
-from occlog.io.files.texts.documents import number, required
+from occlog.io.files.texts.documents import number, required, xml_events
 from occlog.io.files.texts.formats import (
     IDENTITY,
     LENGTH,
@@ -51,7 +50,7 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes, no_frame_times
 from occlog.io.files.timing.times import TIME_COLUMNS, note_clock_set, time_column
 from occlog.io.files.timing.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
@@ -111,7 +110,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         first = np.unique(row * len(names) + column, return_index=True)[1]
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
-            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file",
+            f"{path}: corner {corner[double] % 1_000_000} is there twice at sync_index {sync[double]}; remove the "
+            "copies, or make a file of each recording",
             id="duplicate-row",
         )
     grid[row, column] = xyz
@@ -124,13 +124,17 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
         raise InputError(
-            f"{path}: the board's centre is undefined: at no time are all its corners there, and fewer than "
-            f"{MIN_CORNERS} are there at every time",
+            f"{path}: the board's centre is undefined: no time has all corners, and fewer than {MIN_CORNERS} are there "
+            "at all times; omit corners or times that are often missing",
             id="insufficient-data",
         )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
     if missing:
-        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps", id="missing-times")
+        raise InputError(
+            f"{path}: sync_index {missing[0]} has no time in the file of {option('timestamps')}; give that of the same "
+            "recording",
+            id="missing-times",
+        )
     t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
     n = len(kept)
     with naming(path):
@@ -224,7 +228,7 @@ def _tables(
             iter([boxes] if len(rows) else []), TruthBoxes, [camera], [range(run[0], run[-1] + 1)], times
         )
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
 
 
 def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
@@ -235,7 +239,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
     """
     last = -1
     found = False
-    for element in _elements(path):
+    for _, element in xml_events(path, "ground truth (XML)"):
         if element.tag != "frame":
             continue
         frame = _whole(element, "number", str(path)) - first_number
@@ -246,7 +250,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
             )
         if frame <= last:
             raise InputError(
-                f"{path}: frame {frame + first_number} does not come after the one before it; sort them",
+                f"{path}: frame {frame + first_number} does not come after the <frame> before it; sort them by number",
                 id="unsorted-times",
             )
         yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
@@ -254,24 +258,6 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         element.clear()
     if not found:
         raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected", id="empty-input")
-
-
-def _elements(path: Path) -> Iterator[Element]:
-    """Yield every element of an XML file when it is complete; InputError if the text is not XML."""
-    with check_input(path, "ground truth (XML)").open("rb") as file:
-        ends = iter(ElementTree.iterparse(file))
-        while True:
-            with guarded(path, "ground truth (XML)"):
-                try:
-                    end = next(ends, None)
-                except ElementTree.ParseError as error:
-                    raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
-                        id="invalid-syntax",
-                    ) from None
-            if end is None:
-                return
-            yield end[1]
 
 
 def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
@@ -282,7 +268,7 @@ def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:
         box = required(thing, "box", location)
         xc, yc, w, h = (number(box, name, location) for name in ("xc", "yc", "w", "h"))
         if not (w > 0 and h > 0):
-            raise InputError(f"{location}: box of {w:g} x {h:g} px; both must be above 0")
+            raise InputError(f"{location}: box of {w:g} x {h:g} px; width and height must be above 0")
         rows.append((number_of_frame, identity, xc, yc, w, h))
     return rows
 
@@ -368,10 +354,7 @@ class TruthOptions:
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
-            raise UsageError(
-                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-                id="missing-times",
-            )
+            raise no_frame_times(where)
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
             raise UsageError(
@@ -381,7 +364,7 @@ class TruthOptions:
         return first
 
 
-class Positions(NamedTuple):
+class TruePositions(NamedTuple):
     """n true positions in columns: time [ns], identity, role, x, y, z, and line number in the file."""
 
     t_ns: Ints
@@ -393,10 +376,10 @@ class Positions(NamedTuple):
     line: Ints
 
 
-def _csv_positions(part: TextPart, options: TruthOptions) -> Positions:
+def _csv_positions(part: TextPart, options: TruthOptions) -> TruePositions:
     """True positions in some rows of a table with a header; times from their column, or from frame numbers."""
     t_ns = _row_times(part, options)
-    return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
+    return TruePositions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
 
 def _row_times(part: TextPart, options: TruthOptions) -> Ints:
@@ -408,20 +391,20 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
     try:
         return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
 
 
-def _gather(path: Path, parts: list[Positions]) -> Truth:
+def _gather(path: Path, parts: list[TruePositions]) -> Truth:
     """Table of the true positions in all parts, sorted by time and target.
 
     InputError if there is none, or a target has two positions at one time.
     """
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
-    p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    p = TruePositions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
-    p = Positions._make(column[order] for column in p)
+    p = TruePositions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
     if len(double):
         k = int(double[0])
@@ -434,7 +417,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
 
 
-def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
+def _mot_positions(rows: CsvRows, options: TruthOptions) -> TruePositions | None:
     """True world positions in rows of MOTChallenge text; None if there are none.
 
     They are the last three columns of rows where these are not all -1 and the flag (column 7) is not 0.
@@ -448,9 +431,9 @@ def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
     try:
         t_ns = options.frame_times(rows.path.name).at(rows.ints("0")[known] - 1)
     except InputError as error:
-        raise InputError(f"{rows.path}: {error}") from None
+        raise InputError(f"{rows.path}: {error}") from error
     role = np.full(len(known), "target")
-    return Positions(
+    return TruePositions(
         t_ns=t_ns,
         target_id=rows.identities("1")[known],
         role=role,
@@ -475,7 +458,9 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
             raise InputError(
-                f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected", id="unknown-format"
+                f"{path}: is a folder; only WILDTRACK's annotations (JSON, format wildtrack) are read from one; give "
+                "these, or a file",
+                id="unknown-format",
             )
         return _read_wildtrack(path, options)
     check_input(path, WHAT)
@@ -548,7 +533,7 @@ def _read_mot(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     yield from _read_boxes(path, options, camera)
 
 
-def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
+def _all_mot_positions(path: Path, options: TruthOptions) -> list[TruePositions]:
     return [p for rows in read_plain(path, WHAT) if (p := _mot_positions(rows, options)) is not None]
 
 
@@ -563,10 +548,7 @@ def _has_places_alone(path: Path) -> bool:
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     camera = _one_camera(path, options)
     if camera not in options.times:
-        raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
-            id="missing-times",
-        )
+        raise no_frame_times(path)
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 
@@ -588,9 +570,9 @@ def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
     try:
         t_ns = options.frame_times(path.name).at(frame)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}") from error
     role, nothing = np.full(len(x), "target"), np.full(len(x), np.nan)
-    yield _gather(path, [Positions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
+    yield _gather(path, [TruePositions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
     if options.cameras:
         yield from _read_boxes(path, options, None)
 

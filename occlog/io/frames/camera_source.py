@@ -152,6 +152,10 @@ def image_source(
     """
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
     if not files:
-        raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}", id="empty-input")
+        raise InputError(
+            f"{folder.path}: holds no image of frames {start} to {stop or 'the end'}; choose others "
+            f"({option('frames')})",
+            id="empty-input",
+        )
     job = DecodingJob(kind="images", path=str(folder.path), files=files, store=store, quality=quality)
     return CameraSource(name, folder.path, start_decoder(job), folder.times, whole=False)

@@ -305,7 +305,9 @@ def check_image(data: bytes, where: str) -> None:
     """
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
+        raise InputError(
+            f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels; scale it down", id="input-too-large"
+        )
     damage = image_damage(data)
     if damage:
         raise InputError(f"{where}: {damage}")
@@ -328,12 +330,16 @@ def decode_image(data: bytes, where: str) -> Image:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
     except cv2.error as error:
         if error.func == "validateInputImageSize":
-            raise InputError(f"{where}: has more pixels than the limit, {MAX_PIXELS}", id="input-too-large") from None
+            raise InputError(
+                f"{where}: has more pixels than the limit, {MAX_PIXELS}; scale it down", id="input-too-large"
+            ) from None
         raise InputError(
-            f"{where}: cannot be decoded ({' '.join(str(error.err).split())})", id="damaged-file"
+            f"{where}: cannot be decoded ({' '.join(str(error.err).split())}); copy or repair it", id="damaged-file"
         ) from None
     if image is None:
-        raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)", id="damaged-file")
+        raise InputError(
+            f"{where}: not an image, or a damaged one ({len(data)} bytes); copy or convert it", id="damaged-file"
+        )
     if unscaled and most is not None:
         return scaled(image, most)
     _check_depth(data, where)
@@ -422,7 +428,10 @@ def encode_image(image: Image, kind: str, quality: int) -> bytes:
     else:
         ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
-        raise ValueError(f"an image of shape {image.shape} cannot be encoded as {kind}")
+        raise ValueError(
+            f"an image of shape {image.shape} and {image.dtype} cannot be encoded as {kind}; (h, w) or (h, w, 3) was "
+            "expected"
+        )
     return data.tobytes()
 
 

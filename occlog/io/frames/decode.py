@@ -119,7 +119,8 @@ class FrameLedger:
             raise InputError(f"{self._path}: {next(iter(self._refused))}")
         if self._frames is not None and self._start >= self._frames:
             raise InputError(
-                f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}",
+                f"{self._path}: frames from {self._start} on are requested, but it has only {self._frames}; request "
+                "earlier ones",
                 id="time-out-of-range",
             )
         faults = "".join(
@@ -284,7 +285,7 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
         return capture
     if container is None:
         raise InputError(
-            f"{path}: not a video file that can be read (MP4, MKV and AVI are, and what FFmpeg knows)",
+            f"{path}: not a video file that FFmpeg can read; convert it to MP4, MKV or AVI",
             id="unknown-format",
         )
     faults = _faults(container) or "; its header is damaged"
@@ -301,7 +302,8 @@ def _describe(
     size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(
-            f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large"
+            f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels; scale them down",
+            id="input-too-large",
         )
     allow_pixels(size[0] * size[1])
     fps = capture.get(cv2.CAP_PROP_FPS)

@@ -124,7 +124,7 @@ def list_images(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: no such folder; a folder of images was expected", id="file-not-found")
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: is not a folder; a folder of images was expected (videos are given one by one)", id="not-a-file"
+            f"{folder}: is a file; a folder of images was expected (a video has an option of its own)", id="not-a-file"
         )
     names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
     if not names:
@@ -255,7 +255,7 @@ def read_folders(
             far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
             if far is not None:
                 raise InputError(
-                    f"{far}: its time in ns is out of range; times from 1970 to 2115 can be held",
+                    f"{far}: the time in ns in its name is out of range, 1970 to 2115; rename it",
                     id="time-out-of-range",
                 )
             table = np.array([int(file.stem) for file in files], dtype=np.int64)
@@ -268,7 +268,7 @@ def read_folders(
 def _with_sidecar(folder: Path, files: list[Path], table: Ints, source: str, start_ns: int) -> ImageFolder:
     if len(table) != len(files):
         raise InputError(
-            f"{folder}: {len(files)} images, but {source} gives {len(table)} times; give one time an image",
+            f"{folder}: {len(files)} images, but {source} has {len(table)} times; give one time for each image",
             id="incompatible-inputs",
         )
     return ImageFolder(folder, tuple(enumerate(files)), sidecar_times(table, source, start_ns))
@@ -285,7 +285,7 @@ def _numbered(
         )
     if numbers[0] < base:
         raise InputError(
-            f"{files[0]}: number {numbers[0]} is before {option('first_number')} {base}; give a smaller one"
+            f"{files[0]}: number {numbers[0]} is before {option('first_number')} {base}; give a smaller first number"
         )
     frames = tuple((number - base, file) for number, file in zip(numbers, files, strict=True))
     return ImageFolder(folder, frames, rate_times(fps[name], f"given; {base} is frame 0", start))

@@ -73,13 +73,16 @@ class VideoWriter:
             self._video = cv2.VideoWriter(name, cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
         if not self._video.isOpened():
             self._folder.__exit__(None, None, None)
-            raise OutputError(f"{self.path}: OpenCV here cannot write {self.code} video{self.otherwise}")
+            raise OutputError(f"{self.path}: the installed OpenCV cannot write {self.code} video{self.otherwise}")
         return self
 
     def write(self, image: Image) -> None:
         """Append a frame (h, w, 3) BGR; ValueError for one of another size, which OpenCV would drop silently."""
         if image.shape != (self.size[1], self.size[0], 3):
-            raise ValueError(f"a frame of shape {image.shape} does not fit a video of {self.size}")
+            raise ValueError(
+                f"a frame of shape {image.shape} in a video of {self.size[0]} x {self.size[1]} px; (height, width, "
+                "3) was expected"
+            )
         self._video.write(image)
         self.frames += 1
         self._wrote(image)

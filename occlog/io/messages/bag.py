@@ -25,11 +25,11 @@ from occlog.io.files.limits import (
     RECORDING_MAGIC,
     ROS1_MAGIC,
     SQLITE_MAGIC,
+    bounded_text,
     check_input,
     describe_unsupported,
     is_zstd,
     max_decompressed_bytes,
-    read_configuration,
 )
 from occlog.io.files.names import natural_key
 from occlog.io.files.texts.yaml import yaml_documents
@@ -147,7 +147,7 @@ class Bag:
                     if unpacked > most:
                         raise InputError(
                             f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
-                            f"bytes unpack to more than {most} bytes; it is damaged or no recording",
+                            f"bytes unpack to more than {most} bytes; it is damaged, copy it again",
                             id="input-too-large",
                         )
                     yield message._replace(data=data)
@@ -371,7 +371,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 def _information(path: Path) -> dict[str, object]:
     """Mapping `rosbag2_bagfile_information` of a bag's metadata file (YAML); InputError if there is none."""
-    documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
+    documents = yaml_documents(bounded_text(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(found, dict):
@@ -507,7 +507,9 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             out.frames[camera] = out.frames.get(camera) or info.header.frame
     unread = next((topic for topic in out.map.images.values() if topic not in sizes), None)
     if unread is not None:
-        raise InputError(f"topic {unread}: holds no image that can be read; leave it out", id="unsupported-format")
+        raise InputError(
+            f"topic {unread}: holds no image that can be read; leave this topic out", id="unsupported-format"
+        )
     return out
 
 
@@ -520,9 +522,11 @@ def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
         try:
             size = stream_size(image.data, image.encoding)
         except InputError as error:
-            raise InputError(f"topic {topic}: {error}") from None
+            raise InputError(f"topic {topic}: {error}") from error
         if size is None:
-            raise NoSizeError(f"topic {topic}: no message of its video has a key frame, with which decoding begins")
+            raise NoSizeError(
+                f"topic {topic}: no message of its video has a key frame, without which it cannot be decoded"
+            )
         return size
     shown = pixels(image, f"an image of {topic}")
     return shown.shape[1], shown.shape[0]

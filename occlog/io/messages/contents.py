@@ -77,7 +77,8 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
         or not (matrix[0, 0] > 0 < matrix[1, 1])
     ):
         raise InputError(
-            f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]",
+            f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; give a calibration "
+            "file or a scene",
             id="invalid-calibration",
         )
     region = region_of(info.size, info.binning, info.roi, where)
@@ -93,7 +94,10 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
         shift = -float(info.p[0, 3]) / float(matrix[0, 0])
         return Intrinsics(focal, principal, region.size, Lens(), turn, shift)
     if not np.isfinite(info.distortion).all():
-        raise InputError(f"{where}: its distortion {info.distortion.tolist()} is not finite", id="invalid-calibration")
+        raise InputError(
+            f"{where}: its distortion {info.distortion.tolist()} is not finite; give a calibration file or a scene",
+            id="invalid-calibration",
+        )
     lens = lens_of(info.model, info.distortion, where)
     return Intrinsics(focal, principal, region.size, lens, np.eye(3), shift=0.0)
 
@@ -172,7 +176,8 @@ def pixels(message: ImageMessage, where: str) -> Image:
     """
     if message.size is None and is_video(message.encoding):
         raise InputError(
-            f"{where}: a single picture of a video stream, which needs the earlier ones", id="unsupported-format"
+            f"{where}: a picture of a video stream, which cannot be decoded without the pictures before it",
+            id="unsupported-format",
         )
     if message.size is None and message.encoding.lower() in OTHER_CODECS:
         raise InputError(
@@ -192,7 +197,8 @@ def pixels(message: ImageMessage, where: str) -> Image:
     step = message.step or width * each
     if not (0 < width * height <= MAX_PIXELS and step >= width * each and len(message.data) >= step * height):
         raise InputError(
-            f"{where}: {len(message.data)} bytes are not {width} x {height} pixels of {encoding}, {step} bytes a row",
+            f"{where}: {len(message.data)} bytes are not {width} x {height} pixels of {encoding} with {step} bytes a "
+            "row; it is damaged",
             id="damaged-file",
         )
     rows = np.frombuffer(message.data, np.uint8, count=step * height).reshape(height, step)[:, : width * each]
@@ -202,7 +208,8 @@ def pixels(message: ImageMessage, where: str) -> Image:
     except cv2.error as error:
         reason = " ".join(str(error.err).split())[:100]
         raise InputError(
-            f"{where}: pixels of {encoding} cannot be converted ({reason})", id="unsupported-format"
+            f"{where}: pixels of {encoding} cannot be converted ({reason}); record them as bgr8 or mono8",
+            id="unsupported-format",
         ) from None
 
 
@@ -310,7 +317,7 @@ class Transforms:
         for above in self.chain(frame):
             if above not in self.edges or not self.edges[above].still:
                 return above
-        raise AssertionError("no root in the chain of frames; `chain` ends at a frame without a parent")
+        raise AssertionError(f"transforms: no frame above {frame!r} is without a parent; please report this")
 
     def placed(self, frame: str, world: str) -> FramePose:
         """Pose of a frame in the frame `world`.
@@ -331,7 +338,7 @@ class Transforms:
             if not edge.still:
                 raise InputError(
                     f"frame {frame!r} moves in {world!r}: {name!r} in {edge.parent!r} by {edge.moved:.3g} m and "
-                    f"{math.degrees(edge.turned):.3g} degrees",
+                    f"{math.degrees(edge.turned):.3g} degrees; a static frame was expected",
                     id="invalid-calibration",
                 )
         a, b = self._to(frame, common), self._to(world, common)
@@ -354,7 +361,8 @@ def rotation_of(message: TransformMessage) -> Floats:
     """
     if not np.isfinite(message.translation).all():
         raise InputError(
-            f"transform of frame {message.child!r}: its translation is not finite", id="invalid-calibration"
+            f"transform of frame {message.child!r}: its translation has values that are not finite",
+            id="invalid-calibration",
         )
     with np.errstate(over="ignore", invalid="ignore"):  # infinite values and NaN are refused
         length = float(np.linalg.norm(message.quaternion))
@@ -417,7 +425,10 @@ def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
-        raise InputError(f"a position without a height; leave the height out of {option('origin')}", id="missing-value")
+        raise InputError(
+            f"a position without a height, but the origin has one; leave the height out of {option('origin')}",
+            id="missing-value",
+        )
     x, y, z = positions_on_earth(degrees, heights if known else None, "a position on the earth").T
     if np.isfinite(heights).all():
         note_unused_heights("positions on the earth")

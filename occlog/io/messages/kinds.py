@@ -191,22 +191,13 @@ def _bytes(data: Any) -> bytes:
     return data.tobytes() if isinstance(data, np.ndarray) else bytes(data)
 
 
-def _compressed(message: Any) -> ImageMessage:
-    return ImageMessage(_header(message), _bytes(message.data), str(message.format))
+def _compressed(message: Any, header: MessageStamp) -> ImageMessage:
+    return ImageMessage(header, _bytes(message.data), str(message.format))
 
 
-def _foxglove_compressed(message: Any) -> ImageMessage:
-    return ImageMessage(_own_header(message), _bytes(message.data), str(message.format))
-
-
-def _raw(message: Any) -> ImageMessage:
+def _raw(message: Any, header: MessageStamp) -> ImageMessage:
     size = (int(message.width), int(message.height))
-    return ImageMessage(_header(message), _bytes(message.data), str(message.encoding), size, int(message.step))
-
-
-def _foxglove_raw(message: Any) -> ImageMessage:
-    size = (int(message.width), int(message.height))
-    return ImageMessage(_own_header(message), _bytes(message.data), str(message.encoding), size, int(message.step))
+    return ImageMessage(header, _bytes(message.data), str(message.encoding), size, int(message.step))
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Floats:
@@ -220,32 +211,31 @@ def _matrix_field(message: Any, name: str) -> Any:
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
-def _info(message: Any) -> InfoMessage:
-    roi = message.roi
+def _info(
+    message: Any,
+    header: MessageStamp,
+    binning: tuple[int, int] = (0, 0),
+    roi: tuple[int, int, int, int] = (0, 0, 0, 0),
+) -> InfoMessage:
+    """Calibration in a message; those of Foxglove have no `binning` and no `roi` (x, y, width, height [px])."""
     return InfoMessage(
-        header=_header(message),
+        header=header,
         size=(int(message.width), int(message.height)),
         model=str(message.distortion_model),
         distortion=np.asarray(list(_matrix_field(message, "d")), dtype=np.float64),
         k=_matrix(_matrix_field(message, "k"), 3, 3),
         r=_matrix(_matrix_field(message, "r"), 3, 3),
         p=_matrix(_matrix_field(message, "p"), 3, 4),
-        binning=(int(message.binning_x), int(message.binning_y)),
-        roi=(int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
+        binning=binning,
+        roi=roi,
     )
 
 
-def _foxglove_info(message: Any) -> InfoMessage:
-    return InfoMessage(
-        header=_own_header(message),
-        size=(int(message.width), int(message.height)),
-        model=str(message.distortion_model),
-        distortion=np.asarray(list(message.D), dtype=np.float64),
-        k=_matrix(message.K, 3, 3),
-        r=_matrix(message.R, 3, 3),
-        p=_matrix(message.P, 3, 4),
-        binning=(0, 0),
-        roi=(0, 0, 0, 0),
+def _ros_info(message: Any) -> InfoMessage:
+    roi = message.roi
+    binning = int(message.binning_x), int(message.binning_y)
+    return _info(
+        message, _header(message), binning, (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height))
     )
 
 
@@ -278,11 +268,15 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
     return PoseMessage(header, np.array([_vector(position) for position in positions]).reshape(-1, 3))
 
 
+def _posed(message: Any) -> PoseMessage:
+    return _positions(_header(message), [message.pose.pose.position])
+
+
 def _fix(message: Any) -> PoseMessage:
     """Geodetic position in a message of a satellite receiver (`NavSatFix`, `LocationFix`); InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
-        raise InputError(f"the receiver had no fix (status {status})")
+        raise InputError(f"the satellite receiver had no position fix (status {status})")
     header = _header(message) if hasattr(message, "header") else _own_header(message)
     position = [float(message.longitude), float(message.latitude), float(message.altitude)]
     return PoseMessage(header, np.array([position]), on_earth=True)
@@ -299,7 +293,8 @@ def _detection(entry: Any) -> BoxDetection:
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
     if float(getattr(centre, "theta", 0.0)):
         raise InputError(
-            f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected", id="unsupported-format"
+            f"a box that is rotated by {float(centre.theta):g} rad; boxes along the image axes were expected",
+            id="unsupported-format",
         )
     best: tuple[float, str] = (float("nan"), "")
     for result in entry.results:
@@ -323,25 +318,22 @@ def _odas(message: Any) -> DirectionMessage:
 
 
 _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
-    "sensor_msgs.Image": (TopicKind.IMAGE, _raw),
-    "sensor_msgs.CompressedImage": (TopicKind.IMAGE, _compressed),
-    "foxglove.RawImage": (TopicKind.IMAGE, _foxglove_raw),
-    "foxglove.CompressedImage": (TopicKind.IMAGE, _foxglove_compressed),
-    "foxglove.CompressedVideo": (TopicKind.IMAGE, _foxglove_compressed),
-    "sensor_msgs.CameraInfo": (TopicKind.INFO, _info),
-    "foxglove.CameraCalibration": (TopicKind.INFO, _foxglove_info),
+    "sensor_msgs.Image": (TopicKind.IMAGE, lambda m: _raw(m, _header(m))),
+    "sensor_msgs.CompressedImage": (TopicKind.IMAGE, lambda m: _compressed(m, _header(m))),
+    "foxglove.RawImage": (TopicKind.IMAGE, lambda m: _raw(m, _own_header(m))),
+    "foxglove.CompressedImage": (TopicKind.IMAGE, lambda m: _compressed(m, _own_header(m))),
+    "foxglove.CompressedVideo": (TopicKind.IMAGE, lambda m: _compressed(m, _own_header(m))),
+    "sensor_msgs.CameraInfo": (TopicKind.INFO, _ros_info),
+    "foxglove.CameraCalibration": (TopicKind.INFO, lambda m: _info(m, _own_header(m))),
     "tf2_msgs.TFMessage": (TopicKind.TRANSFORM, _tf),
     "tf.tfMessage": (TopicKind.TRANSFORM, _tf),
     "foxglove.FrameTransform": (TopicKind.TRANSFORM, _foxglove_transform),
     "foxglove.FrameTransforms": (TopicKind.TRANSFORM, _foxglove_transforms),
     "geometry_msgs.PointStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.point])),
     "geometry_msgs.PoseStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.position])),
-    "geometry_msgs.PoseWithCovarianceStamped": (
-        TopicKind.POSE,
-        lambda m: _positions(_header(m), [m.pose.pose.position]),
-    ),
+    "geometry_msgs.PoseWithCovarianceStamped": (TopicKind.POSE, _posed),
     "geometry_msgs.PoseArray": (TopicKind.POSE, lambda m: _positions(_header(m), [p.position for p in m.poses])),
-    "nav_msgs.Odometry": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
+    "nav_msgs.Odometry": (TopicKind.POSE, _posed),
     "foxglove.PoseInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
     "foxglove.PosesInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
     "sensor_msgs.NavSatFix": (TopicKind.POSE, _fix),
@@ -408,7 +400,7 @@ def decoder(topic: BagTopic) -> Decode:
 
 def _json(data: bytes) -> object:
     if (objects := data.count(b"{") + data.count(b"[")) > MAX_OBJECTS:
-        raise ValueError(f"{objects} objects and lists in a message of JSON; at most {MAX_OBJECTS} are read")
+        raise ValueError(f"{objects} objects and lists in a JSON message, limit {MAX_OBJECTS}")
     return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
 
 
@@ -434,7 +426,7 @@ def _foxglove(topic: BagTopic) -> Decode:
 
 def _check_listed(data: bytes) -> None:
     if len(data) > MAX_LISTED_BYTES:
-        raise ValueError(f"a message with lists of {len(data)} bytes; at most {MAX_LISTED_BYTES} are read")
+        raise ValueError(f"a message with lists has {len(data)} bytes, limit {MAX_LISTED_BYTES}")
 
 
 def is_readable(topic: BagTopic) -> bool:
@@ -586,13 +578,13 @@ def _checked(found: Any) -> Any:
         if not fields:
             raise ValueError(f"{name} has no fields")
         if any(isinstance(value, float) and not math.isfinite(value) for _, _, value in constants):
-            raise ValueError(f"{name} has a constant that is no number")
+            raise ValueError(f"{name} has a constant that is not finite")
         for field, (node, field_type) in fields:
             if node == nodes.ARRAY:
                 (kind, of), length = field_type
                 entries += length if kind != nodes.BASE or of[0] == "string" else 0
                 if length < 1 or entries > MAX_ENTRIES:
                     raise ValueError(
-                        f"{field}: an array of {length} entries; at least 1, and {MAX_ENTRIES} in all, are possible"
+                        f"{field}: an array of {length} entries; 1 or more, and {MAX_ENTRIES} in all, are read"
                     )
     return found

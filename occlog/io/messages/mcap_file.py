@@ -11,7 +11,7 @@ import io
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, NamedTuple, TypeVar
@@ -67,7 +67,75 @@ class BagMessage(NamedTuple):
     data: bytes
 
 
-class McapFile:
+class IndexedFile:
+    """Base class of readers of bag files that are read record by record, with or without their index.
+
+    Attributes:
+        path: the file.
+        name: its name in losses.
+        losses: losses found so far, as keys; extended while the file is read.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Begin with a file; `name` is its name in losses."""
+        self.path, self.name = path, name
+        self.losses: dict[Loss, None] = {}
+        self._counts: dict[int, int] | None = None  # messages of each channel; None: not known
+        self._span: tuple[int, int] | None = None
+
+    def topics(self) -> list[BagTopic]:
+        """Topics of the file, one for each channel, with their numbers of messages; without an index it is read."""
+        if self._counts is None:
+            counts = Counter[int]()
+            for channel, log_ns, _ in self._walk(None):
+                counts[channel] += 1
+                low, high = self._span or (log_ns, log_ns)
+                self._span = (min(low, log_ns), max(high, log_ns))
+            self._counts = dict(counts)
+        return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._defined().items()]
+
+    def span(self) -> tuple[int, int] | None:
+        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
+        self.topics()
+        return self._span
+
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
+        """Yield the messages of the given topics in file order; of MCAP sorted by time within each chunk.
+
+        A topic that is removed from the collection meanwhile is skipped from the next chunk on. At the end a topic of
+        which the index counts more messages than were found is a loss, unless other damage is known.
+        """
+        found = Counter[int]()
+        for channel, log_ns, data in self._walk(topics):
+            found[channel] += 1
+            yield BagMessage(self._topic_of(channel), log_ns, data)
+        if self.losses:
+            return
+        for number, topic in self._defined().items():
+            missing = (self._counts or {}).get(number, 0) - found[number]
+            if topic.name in topics and missing > 0:
+                self._lose(topic.name, "messages that its index counts were not found; the index is wrong", missing)
+
+    def _lose(self, location: str, what: str, count: int = 0) -> None:
+        self.losses[Loss(self.name, location, what, count)] = None
+
+    def _defined(self) -> dict[int, BagTopic]:
+        """Topics by channel, as known so far, without numbers of messages."""
+        raise NotImplementedError
+
+    def _topic_of(self, channel: int) -> str:
+        """Name of the topic of a channel."""
+        raise NotImplementedError
+
+    def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
+        """Yield (channel, recording time [ns], data) of the messages of the given topics; None: of all.
+
+        Damage is added to `losses`.
+        """
+        raise NotImplementedError
+
+
+class McapFile(IndexedFile):
     """Reader of an external MCAP file, also a damaged one.
 
     Attributes:
@@ -82,8 +150,7 @@ class McapFile:
 
         InputError if the file does not begin as MCAP does.
         """
-        self.path, self.name = path, name
-        self.losses: dict[Loss, None] = {}
+        super().__init__(path, name)
         self.reordered: dict[str, tuple[int, int]] = {}  # of topics, messages before earlier ones, and by how much [ns]
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -103,11 +170,10 @@ class McapFile:
             self._lose("end", f"{reason}; read without its index")
             self._scan_definitions()
             self._repeated = [*self._schemas.values(), *self._channels.values()]
-        self._span: tuple[int, int] | None = None
-        if summary is not None and summary.statistics and summary.statistics.message_count:
-            self._span = (summary.statistics.message_start_time, summary.statistics.message_end_time)
-        self._counts = dict(summary.statistics.channel_message_counts) if summary and summary.statistics else None
         if summary is not None:
+            if (known := summary.statistics) is not None:
+                self._counts = dict(known.channel_message_counts)
+                self._span = (known.message_start_time, known.message_end_time) if known.message_count else None
             self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
         self._chunks = {
             index.chunk_start_offset: set(index.message_index_offsets)
@@ -115,67 +181,27 @@ class McapFile:
             if index.message_index_offsets
         }
 
-    def topics(self) -> list[BagTopic]:
-        """Topics of the file with their numbers of messages; without an index the whole file is read."""
-        if self._counts is None:
-            counts: dict[int, int] = {}
-            for channel, log_ns, _ in self._walk(None):
-                counts[channel] = counts.get(channel, 0) + 1
-                low, high = self._span or (log_ns, log_ns)
-                self._span = (min(low, log_ns), max(high, log_ns))
-            self._counts = counts
-        return [self._topic(channel) for channel in self._channels.values()]
-
-    def span(self) -> tuple[int, int] | None:
-        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
-        self.topics()
-        return self._span
-
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
         """Yield the messages of the given topics, sorted by time within each chunk unless a clock was set back.
 
         A topic that is removed from the collection meanwhile is skipped from the next chunk on.
         """
-        found = Counter[int]()
         for topic in topics:
             self.reordered.pop(topic, None)
-        for channel, log_ns, data in self._walk(topics):
-            found[channel] += 1
-            yield BagMessage(self._channels[channel].topic, log_ns, data)
-        if not self.losses:  # damage is reported already
-            self._tell_missing(topics, found)
+        yield from super().messages(topics)
 
-    def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
-        """Add a loss for each topic of which the index counts more messages than were found.
+    def _defined(self) -> dict[int, BagTopic]:
+        return {number: self._topic(channel) for number, channel in self._channels.items()}
 
-        Args:
-            topics: topics that were read.
-            found: number of messages that were found, by channel.
-        """
-        for number, channel in self._channels.items():
-            missing = (self._counts or {}).get(number, 0) - found.get(number, 0)
-            if channel.topic in topics and missing > 0:
-                self._lose(channel.topic, "messages that its index counts were not found; the index is wrong", missing)
+    def _topic_of(self, channel: int) -> str:
+        return str(self._channels[channel].topic)
 
     def _topic(self, channel: Channel) -> BagTopic:
         schema = self._schemas.get(channel.schema_id)
-        return BagTopic(
-            name=channel.topic,
-            kind=schema.name if schema else "",
-            encoding=channel.message_encoding,
-            definition=schema.data if schema else b"",
-            language=schema.encoding if schema else "",
-            messages=None if self._counts is None else int(self._counts.get(channel.id, 0)),
-        )
-
-    def _lose(self, location: str, what: str, count: int = 0) -> None:
-        self.losses[Loss(self.name, location, what, count)] = None
+        kind, definition, language = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
+        return BagTopic(channel.topic, kind, channel.message_encoding, definition, language, None)
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """Yield (channel, recording time [ns], data) of the messages of the given topics; None: of all.
-
-        Damage is added to `losses`.
-        """
         size, self._contradicted, growth = self.path.stat().st_size, "", DecompressionCount(self.path)
         with self.path.open("rb") as file:
             at = len(MAGIC)

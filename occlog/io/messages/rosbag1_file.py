@@ -23,9 +23,8 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.limits import ROS1_MAGIC
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES, DecompressionCount
-from occlog.records.losses import Loss
 
-from .mcap_file import BagMessage, BagTopic
+from .mcap_file import BagTopic, IndexedFile
 
 ENCODING, LANGUAGE = "ros1", "ros1msg"
 """Names that MCAP gives messages and definitions of ROS 1, too."""
@@ -65,7 +64,7 @@ class _Record(NamedTuple):
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
-class Rosbag1File:
+class Rosbag1File(IndexedFile):
     """Reader of a ROS 1 bag, also a damaged one.
 
     Attributes:
@@ -79,12 +78,9 @@ class Rosbag1File:
 
         InputError for another version than 2.0, and for an encrypted bag.
         """
-        self.path, self.name = path, name
-        self.losses: dict[Loss, None] = {}
+        super().__init__(path, name)
         self._topics: dict[int, BagTopic] = {}
         self._sums: dict[str, tuple[str, str]] = {}  # type and check sum of the definition of each topic
-        self._counts: dict[int, int] | None = None
-        self._span: tuple[int, int] | None = None
         self._chunks: dict[int, set[int]] = {}  # first byte of each chunk, and the connections in it
         self._size = path.stat().st_size
         with path.open("rb") as file:
@@ -104,43 +100,11 @@ class Rosbag1File:
                 reason = " ".join(str(error).split())[:100] or "it ends early"
                 self._lose("index", f"{reason}; read without its index")
 
-    def topics(self) -> list[BagTopic]:
-        """Topics of the file, one for each connection, with their numbers of messages.
+    def _defined(self) -> dict[int, BagTopic]:
+        return self._topics
 
-        Without an index the file is read.
-        """
-        if self._counts is None:
-            counts = Counter[int]()
-            for connection, log_ns, _ in self._walk(None):
-                counts[connection] += 1
-                low, high = self._span or (log_ns, log_ns)
-                self._span = (min(low, log_ns), max(high, log_ns))
-            self._counts = dict(counts)
-        return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._topics.items()]
-
-    def span(self) -> tuple[int, int] | None:
-        """First and last recording time of the messages [ns since the Unix epoch]; None without messages."""
-        self.topics()
-        return self._span
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Yield the messages of the given topics in file order.
-
-        A topic that is removed from the collection meanwhile is skipped from the next chunk on.
-        """
-        found = Counter[int]()
-        for connection, log_ns, data in self._walk(topics):
-            found[connection] += 1
-            yield BagMessage(self._topics[connection].name, log_ns, data)
-        if self.losses:  # damage is reported already
-            return
-        for number, topic in self._topics.items():
-            missing = (self._counts or {}).get(number, 0) - found[number]
-            if topic.name in topics and missing > 0:
-                self._lose(topic.name, "messages that its index counts were not found; the index is wrong", missing)
-
-    def _lose(self, location: str, what: str, count: int = 0) -> None:
-        self.losses[Loss(self.name, location, what, count)] = None
+    def _topic_of(self, channel: int) -> str:
+        return self._topics[channel].name
 
     def _read_index(self, file: IO[bytes]) -> None:
         """Read connections, chunk positions and message counts from the index at the end of the file.
@@ -161,7 +125,7 @@ class Rosbag1File:
         if at == 0:
             raise ValueError("the recorder did not close the bag, and messages may be missing")
         if not at < self._size and header.number(b"conn_count"):
-            raise ValueError(f"it should begin at byte {at} of {self._size}")
+            raise ValueError(f"the index should begin at byte {at}, but the file has {self._size} bytes")
         for _ in range(header.number(b"conn_count")):
             record = self._record(file, at)
             self._connect(record, _data(file, record))
@@ -170,7 +134,9 @@ class Rosbag1File:
         for _ in range(header.number(b"chunk_count")):
             record = self._record(file, at)
             if record.kind != CHUNK_INFO:
-                raise ValueError(f"a record of kind {record.kind} at byte {at}")
+                raise ValueError(
+                    f"the record at byte {at} is of kind {record.kind}; one of a chunk (kind {CHUNK_INFO}) was expected"
+                )
             data = _data(file, record)
             held = {int(connection): int(count) for connection, count in _TIME.iter_unpack(data)}
             counts.update(held)
@@ -186,19 +152,15 @@ class Rosbag1File:
         file.seek(at)
         (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
         if length > MAX_HEADER:
-            raise ValueError(f"a record at byte {at} has a header of {length} bytes")
+            raise ValueError(f"the record at byte {at} has a header of {length} bytes, limit {MAX_HEADER}")
         fields = _fields(file.read(length), length)
         (data,) = _LENGTH.unpack(file.read(_LENGTH.size))
         record = _Record(fields, at + 2 * _LENGTH.size + length, data)
         if not MESSAGE <= record.kind <= CONNECTION:
-            raise ValueError(f"a record at byte {at} of the unknown kind {record.kind}")
+            raise ValueError(f"the record at byte {at} is of the unknown kind {record.kind}")
         return record
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """Yield (connection, recording time [ns], data) of the messages of the given topics; None: of all.
-
-        Damage is added to `losses`.
-        """
         growth, at = DecompressionCount(self.path), len(VERSION)
         with self.path.open("rb") as file:
             while at < self._size:
@@ -275,7 +237,7 @@ class Rosbag1File:
                         found.append(taken)
                 inner = end
             if len(records) < record.number(b"size") and not record.open:
-                raise ValueError(f"it should unpack to {record.number(b'size')} bytes")
+                raise ValueError(f"the chunk unpacks to {len(records)} bytes instead of {record.number(b'size')}")
         except _DAMAGE as error:
             reason = " ".join(str(error).split())[:100] or "data end early"
             self._lose(f"byte {at}", f"a damaged chunk was read up to its unpacked byte {inner} ({reason})")
@@ -305,7 +267,7 @@ class Rosbag1File:
             ValueError: the record is damaged.
         """
         if record.kind != CONNECTION:
-            raise ValueError(f"a record of kind {record.kind} in place of a connection")
+            raise ValueError(f"a record is of kind {record.kind}; a connection (kind {CONNECTION}) was expected")
         number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
         stated = _fields(data, len(data))
         kind, md5 = (stated[field].decode("ascii", "replace") for field in (b"type", b"md5sum"))
@@ -319,10 +281,10 @@ class Rosbag1File:
             )
         if number not in self._topics:
             if len(self._topics) >= MAX_CONNECTIONS:
-                raise ValueError(f"more than {MAX_CONNECTIONS} connections")
+                raise ValueError(f"the bag has more connections than the limit, {MAX_CONNECTIONS}")
             self._topics[number] = BagTopic(name, kind, ENCODING, stated[b"message_definition"], LANGUAGE, None)
         elif self._topics[number].name != name:
-            raise ValueError(f"connection {number} is of {self._topics[number].name} and of {name}")
+            raise ValueError(f"connection {number} is of two topics, {self._topics[number].name} and {name}")
 
 
 def _data(file: IO[bytes], record: _Record) -> bytes:
@@ -362,12 +324,12 @@ def _unpacked(data: bytes, record: _Record) -> bytes:
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {declared} bytes; the limit is {MAX_CHUNK_BYTES}")
+        raise ValueError(f"the chunk unpacks to {declared} bytes, limit {MAX_CHUNK_BYTES}")
     if compression == b"none":
         return data
     if compression not in UNPACKERS:
-        raise ValueError(f"unknown compression {compression.decode('ascii', 'replace')!r}")
+        raise ValueError(f"the chunk has the unknown compression {compression.decode('ascii', 'replace')!r}")
     out = bytes(UNPACKERS[compression]().decompress(data, declared + 1))
     if len(out) > declared:
-        raise ValueError(f"unpacks to more than the {declared} bytes that it states")
+        raise ValueError(f"the chunk unpacks to more than the {declared} bytes that it states")
     return out

@@ -81,7 +81,8 @@ class SqliteFile:
                     # SQLite keeps values of any kind in any column, and `bytes` of a number would be as many zeros
                     if not (isinstance(log_ns, int) and isinstance(data, bytes)):
                         raise ValueError(
-                            f"timestamp {log_ns!r:.40} and data {data!r:.40}; expected an integer and bytes"
+                            f"a message has timestamp {log_ns!r:.40} and data {data!r:.40}; an integer and bytes "
+                            "were expected"
                         )
                     last = log_ns
                     yield BagMessage(self._topics[number].name, last, data)

@@ -124,7 +124,8 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
     kind = kind_of(topics[topic].kind)
     if kind is None:
         raise UsageError(
-            f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be read", id="unsupported-format"
+            f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be read; leave this topic out",
+            id="unsupported-format",
         )
     if kind not in (TopicKind.POSE, TopicKind.TRANSFORM) and safe_name(name) != name:
         raise UsageError(f"topic {topic}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")

@@ -104,13 +104,16 @@ class StreamReader:
                 if found is not None:
                     pictures.append(found)
         except IndexError:
-            raise InputError(f"a header of {self.encoding} ends early", id="damaged-file") from None
+            raise InputError(
+                f"a header of {self.encoding} video ends early; the message is damaged", id="damaged-file"
+            ) from None
         if len(pictures) != 1:
             if not _BEGIN.match(data):
                 what = "are JPEG; record it as jpeg" if data.startswith(JPEG) else "have no start codes (Annex B)"
                 raise InputError(f"video is stated to be {self.encoding}, and its data {what}", id="damaged-file")
             raise InputError(
-                f"a message of {self.encoding} with {len(pictures)} pictures; one each was expected", id="damaged-file"
+                f"a message of {self.encoding} video has {len(pictures)} pictures; exactly one was expected",
+                id="damaged-file",
             )
         return pictures[0]
 
@@ -133,7 +136,7 @@ class StreamReader:
             bits.number(2)
         number = bits.number(self._number_bits)
         if self._fields and bits.number(1):
-            raise InputError("interlaced H.264, which is not read; encode full frames", id="unsupported-format")
+            raise InputError("interlaced H.264 is not read; record progressive video", id="unsupported-format")
         last, most = self._last, 1 << self._number_bits
         key = kind == 5
         follows = key or (last is not None and number in (last, (last + 1) % most))

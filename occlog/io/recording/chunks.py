@@ -120,14 +120,14 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
     """
     stated = max(declared, stated_size(data, compression))
     if stated > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {stated} bytes; the limit is {MAX_CHUNK_BYTES}")
+        raise ValueError(f"chunk unpacks to {stated} bytes; the limit is {MAX_CHUNK_BYTES}")
     if not compression:
         return data
     if compression == "zstd":
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=declared)
     out = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=declared + 1))
     if len(out) > declared:
-        raise ValueError(f"unpacks to more than the {declared} bytes that it declares")
+        raise ValueError(f"chunk unpacks to more than the {declared} bytes that it declares")
     return out
 
 

@@ -276,7 +276,8 @@ class _Pass:
     def _read(self, at: int, length: int) -> bytes:
         if length > MAX_CHUNK_BYTES:
             raise InputError(
-                f"{self._path}: record of {length} bytes at byte {at}; the limit is {MAX_CHUNK_BYTES}",
+                f"{self._path}: record of {length} bytes at byte {at}; the limit is {MAX_CHUNK_BYTES}; it is "
+                "damaged, copy it again",
                 id="input-too-large",
             )
         return self._file.read(length)

@@ -124,8 +124,8 @@ class RowCollector(Generic[T]):
         """
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
-                f"{self._source}: topic {topic}: a message of {len(data)} bytes; messages of rows have at most "
-                f"{MAX_MESSAGE_BYTES}",
+                f"{self._source}: topic {topic}: a message with rows of a table has {len(data)} bytes, limit "
+                f"{MAX_MESSAGE_BYTES}; write fewer rows in each",
                 id="input-too-large",
             )
         try:
@@ -183,4 +183,6 @@ def _array(c: Column, values: list[object], source: str) -> NDArray[np.generic]:
         # null becomes NaN; only columns that declare a meaning for NaN will accept it.
         return np.array(values, dtype=np.str_ if c.kind == "U" else c.dtype)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{source}: column {c.name}: values are not of type {c.kind} ({error})") from error
+        raise InputError(
+            f"{source}: column {c.name}: values are not of type {'text' if c.kind == 'U' else c.dtype} ({error})"
+        ) from error

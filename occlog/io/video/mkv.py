@@ -119,7 +119,7 @@ def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
     while at < stop:
         child = element(data, at, stop)
         if child.stop is None or child.stop > stop:
-            raise BrokenContainerError(at, "an element that is longer than what holds it")
+            raise BrokenContainerError(at, "an element is longer than the element that contains it")
         yield child
         at = child.stop
 

@@ -68,7 +68,7 @@ def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
         elif size == 0:
             size = stop - start
         if size < head or not all(32 <= c < 127 or c == 0xA9 for c in kind):
-            raise BrokenContainerError(start, f"a box of {size} bytes named {box_name(kind)}")
+            raise BrokenContainerError(start, f"no box begins there (size {size} bytes, name {box_name(kind)})")
         yield ByteRange(kind, start + head, start + size)
         start += size
 
@@ -240,9 +240,9 @@ def _run(
     at += 4 if flags & 0x4 else 0
     fields = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
     if at + 4 * len(fields) * count > trun.stop or found.count + count > most_samples(data):
-        raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
+        raise BrokenContainerError(trun.start, f"a fragment of {count} frames is longer than its box (trun)")
     if not (abs(clock) < LATEST and abs(offset) < LATEST):
-        raise BrokenContainerError(trun.start, "samples of a fragment at a time or position beyond 2^62")
+        raise BrokenContainerError(trun.start, "frames of a fragment (trun) have a time or position beyond 2^62")
     values = np.frombuffer(data, ">i4", len(fields) * count, at).reshape(count, len(fields)).astype(np.int64)
 
     def column(field: int, default: int) -> Ints:
@@ -384,14 +384,16 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
     stsc = read_table(data, find_box(data, stbl, b"stsc"), 3, ">u4")
     runs = np.diff(np.append(stsc[:, 0] - 1, len(chunks)))
     if len(stsc) and (stsc[0, 0] != 1 or (runs <= 0).any()):
-        raise BrokenContainerError(stbl.start, "the numbers of chunks do not rise from 1 (stsc)")
+        raise BrokenContainerError(
+            stbl.start, "the table stsc is damaged: its numbers of chunks do not increase from 1"
+        )
     per_chunk = np.repeat(stsc[:, 1], runs) if len(stsc) else np.zeros(len(chunks), dtype=np.int64)
     if int(per_chunk.sum()) < len(size):
         if len(size) and not len(chunks):
-            raise BrokenContainerError(stbl.start, "the positions of the samples are missing")
+            raise BrokenContainerError(stbl.start, "the positions of the frames in the file are missing (stco, co64)")
         per_chunk[-1:] += len(size) - int(per_chunk.sum())
     if per_chunk.max(initial=0) > MAX_FRAMES:
-        raise BrokenContainerError(stbl.start, f"{int(per_chunk.max())} samples in one chunk")
+        raise BrokenContainerError(stbl.start, f"{int(per_chunk.max())} frames in one chunk (stsc), limit {MAX_FRAMES}")
     chunk_of = np.repeat(np.arange(len(chunks)), np.minimum(per_chunk, len(size)))[: len(size)]
     start = np.concatenate([[0], np.cumsum(size)[:-1]]) if len(size) else np.zeros(0, dtype=np.int64)
     new = np.flatnonzero(np.diff(chunk_of, prepend=-1))

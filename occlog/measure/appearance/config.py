@@ -30,7 +30,8 @@ class SightingConfig(Settings):
     )
     heading_window_s: float = setting(
         1.0,
-        "Time about each row over which the velocity is estimated where positions have none.",
+        "Length of the time window about each row in which the velocity, so the heading, is estimated where tracks "
+        "have no velocity.",
         unit="s",
         above=0,
         at_most=1e9,
@@ -60,12 +61,17 @@ class SightingConfig(Settings):
     )
     max_occlusion: float = option_setting(
         0.2,
-        "Maximum occlusion: share of a box that boxes of nearer people may cover.",
+        "Maximum occlusion: share of a box that boxes of nearer people may cover for it to be used.",
         at_least=0,
         at_most=1,
         metavar="SHARE",
     )
-    min_pixels: int = option_setting(100, "Minimum number of pixels of a box to be used.", at_least=1, metavar="N")
+    min_pixels: int = option_setting(
+        100,
+        "Minimum number of pixels in the ellipse inscribed in a box, or in a region of views, for it to be used.",
+        at_least=1,
+        metavar="N",
+    )
 
 
 @dataclass(frozen=True)
@@ -74,8 +80,8 @@ class LearnConfig(SightingConfig):
 
     angle_step: float = option_setting(
         30.0,
-        "Step between viewing angles, from the front to the back; it must divide 180 degrees. 180: front and back; "
-        "360: all sides together.",
+        "Step between viewing angles from the front (0 degrees) to the back (180), a divisor of 180. 180: front and "
+        "back alone; 360: angles are not distinguished.",
         unit="deg",
         above=0,
         at_most=360,

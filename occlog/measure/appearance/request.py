@@ -31,12 +31,16 @@ class LearnRequest(Request):
     RUN: ClassVar[str] = "occlog.measure.appearance.run:run_learn"
 
     recording: Path = source("Recording with images.", argument=True)
-    output: Path = output_file("The gallery (Parquet).", "gallery")
-    boxes: Path | None = source("Boxes (Parquet). [default: those of RECORDING]")
-    views: Path | None = source("Views of `occlog detect` (Parquet), with their colours.")
+    output: Path = output_file(
+        "Appearance gallery (Parquet): mean colour histogram of each target and viewing angle.", "gallery"
+    )
+    boxes: Path | None = source("Boxes of people (Parquet), whose colours are learned. [default: those of RECORDING]")
+    views: Path | None = source(
+        "Views of `occlog detect` (Parquet) in place of boxes; their stored colours are used, not images."
+    )
     tracks: Path | None = source(
-        "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
-        "boxes with an identity]"
+        "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or positions on "
+        "the floor of boxes with an identity]"
     )
     labelled: bool = option_setting(
         False,

@@ -124,15 +124,15 @@ class SightingInput:
             found = paths_of_boxes(self._chunks(), self.scene, config)
             if not found:
                 raise InputError(
-                    f"{self.files.boxes}: no box has an identity with a path on the floor; give tracks, for "
-                    "example those of `occlog track` with method jipda",
+                    f"{self.files.boxes}: no box has an identity with a path on the floor; give {option('tracks')}, "
+                    "for example of `occlog track --method jipda`",
                     id="missing-labels",
                 )
             return found
         source: Opened = self._tracks
         rows = source.read(Truth) if source.has(Truth) else source.read(Tracks)
         if not len(rows):
-            raise InputError(f"{source.path}: has no rows; it contains no track", id="empty-input")
+            raise InputError(f"{source.path}: has no rows; tracks of people were expected", id="empty-input")
         return paths_of_rows(rows, config)
 
 
@@ -155,8 +155,8 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
     gallery = learn(inputs.sightings(job, "learn", config, config.colour_levels, tally), config)
     if not len(gallery):
         raise InputError(
-            f"{boxes}: no side of any person was seen in {config.min_samples} boxes: of {tally.boxes} boxes "
-            f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording",
+            f"{boxes}: no person has {config.min_samples} boxes of one viewing angle; {tally.of_tracks} of "
+            f"{tally.boxes} boxes are of a track: check that boxes, images and {inputs.positions} are of one recording",
             id="insufficient-data",
         )
     losses = (*inputs.losses, *tally.losses())

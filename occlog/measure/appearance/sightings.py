@@ -19,6 +19,7 @@ from occlog.core.image import bins_of, colour_counts, density
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
 from occlog.errors import InputError, option
+from occlog.io.files.timing.utc import time_words
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
@@ -294,11 +295,15 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
     """Rechunk boxes so that all rows of a time are in one chunk; InputError if times go back."""
     held: Boxes | Views | None = None
     for chunk in chunks:
-        whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
-        if not len(whole):
+        if not len(chunk):
             continue
-        if (np.diff(whole.t_ns) < 0).any():
-            raise InputError("boxes: times go back; sort the rows by t_ns", id="unsorted-times")
+        if held is not None and chunk.t_ns[0] < held.t_ns[-1]:
+            raise InputError(
+                f"boxes: time {time_words(chunk.t_ns[0])} is earlier than the preceding {time_words(held.t_ns[-1])}; "
+                "sort the rows by t_ns",
+                id="unsorted-times",
+            )
+        whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
         cut = int(np.searchsorted(whole.t_ns, whole.t_ns[-1]))
         if cut:
             yield whole.take(slice(0, cut))
@@ -385,7 +390,9 @@ def observe_boxes(
     for each in boxes:
         if each.sensor not in cameras:
             raise InputError(
-                f"boxes: no camera {each.sensor!r} in the scene; it has {', '.join(cameras)}", id="unknown-sensor"
+                f"boxes: no camera {each.sensor!r} in the scene, which has {', '.join(cameras)}; give its scene "
+                f"({option('scene')})",
+                id="unknown-sensor",
             )
         tally.frames += 1
         tally.boxes += len(each.box)

@@ -14,7 +14,10 @@ from occlog.settings import option_setting
 from .config import LabelConfig, NamingConfig
 
 BY_TRACKS, BY_GALLERY = "tracks", "gallery"
-GALLERY = "Match boxes with this appearance gallery (`occlog appearance learn`), instead of bearings with tracks."
+GALLERY = (
+    "Match boxes with this appearance gallery (Parquet, from `occlog appearance learn`), "
+    "instead of bearings with tracks."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +28,7 @@ class LabelRequestBase(Request):
     of bearings. A track without a candidate gets a row of a missed detection. Rows that have a label keep it.
 
     With --gallery BEARINGS holds boxes or views, and each is compared with the appearance of people in the gallery at
-    the viewing angle of the camera ([Lee] Sec. 5.2.1). People missing from the gallery are suspended.
+    the viewing angle of the camera ([Lee] Sec. 5.2.1). For people missing from the gallery nothing is decided.
 
     \b
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
@@ -55,7 +58,7 @@ class LabelRequest(LabelRequestBase):
 
     tracks: Path = source("Tracks that give the identities (Parquet).", required=True)
     doa: Path | None = source("Directions of arrival to label too: a table, or a recording that holds them.")
-    doa_labels: bool = option_setting(False, "Source IDs in the log of directions are target IDs.", shown="")
+    doa_labels: bool = option_setting(False, "Source IDs in the directions of --doa are target IDs.", shown="")
     settings: Mapping[str, object] = group(lambda: LabelConfig)
     cameras: tuple[str, ...] = option_setting((), "Use these sensors only.", metavar="A,B,...", shown="")
     without: tuple[str, ...] = option_setting((), "Exclude these sensors.", metavar="A,B,...", shown="")

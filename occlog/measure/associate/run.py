@@ -137,8 +137,8 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
         tables.annotate(final)
         if not decisions.rows:
             raise InputError(
-                f"{request.bearings}: no box was compared: {tally.boxes} boxes in {tally.frames} frames; check that "
-                "boxes and images are of one recording",
+                f"{request.bearings}: no box was compared with the gallery: {tally.boxes} boxes in {tally.frames} "
+                "frames; check that boxes and images are of one recording",
                 id="disjoint-inputs",
             )
         summary: dict[str, object] = {"matches": str(request.output), "frames": tally.frames, **decisions.summary()}

@@ -137,8 +137,8 @@ class _Paths:
             if (chunk.target_id < 0).any():
                 row = int(np.flatnonzero(chunk.target_id < 0)[0])
                 raise InputError(
-                    f"tracks: target_id is {chunk.target_id[row]} at {time_words(chunk.t_ns[row])}; an identity "
-                    "is 0 or more"
+                    f"tracks: target_id is {chunk.target_id[row]} at {time_words(chunk.t_ns[row])}; leave "
+                    "out rows without an identity (0 or more)"
                 )
             parts.append(chunk)
         held = Tracks.concat(parts)

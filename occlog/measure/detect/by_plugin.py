@@ -70,7 +70,7 @@ def _detect_frames(
         if len(vectors) and vectors.shape[1] != length:
             raise PluginError(
                 f"{chosen.plugin.label}: camera {frame.sensor}: frame {frame.index}: embeddings of {vectors.shape[1]} "
-                f"numbers, those before had {length}"
+                f"numbers, earlier ones had {length}; it must return one length"
             )
         kept = np.flatnonzero(np.asarray(found.scores, dtype=np.float64) >= config.min_confidence)
         boxes = np.asarray(found.boxes, dtype=np.float64).reshape(-1, 4)[kept]

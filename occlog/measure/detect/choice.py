@@ -46,7 +46,7 @@ from .config import (
 )
 
 
-class Probe(NamedTuple):
+class DetectionProbe(NamedTuple):
     """Numbers of sampled frames of a camera, and of those in which people are found.
 
     Attributes:
@@ -71,7 +71,7 @@ def probe(
     scene: Scene,
     config: DetectConfig,
     detector: NetworkDetector,
-) -> dict[str, Probe]:
+) -> dict[str, DetectionProbe]:
     """Count, by camera, sampled frames with people by the network, and frames with person-sized moving regions.
 
     Cameras without sampled images are left out; `N_PROBED` images of each are used at most.
@@ -83,7 +83,7 @@ def probe(
         config: settings of the detection.
         detector: the person network.
     """
-    found: dict[str, Probe] = {}
+    found: dict[str, DetectionProbe] = {}
     for name, kept in samples.items():
         if not kept.images:
             continue
@@ -93,7 +93,7 @@ def probe(
         seen = sum(each is not None and len(each.boxes) > 0 for each in boxed)
         sizes = learned.sizes.get(name) or known_sizes(scene.camera(name), scene, kept.size, config)
         moving = 0 if sizes is None else moving_frames(images, learned.empty[name], downscale_sizes(sizes, kept.shrink))
-        found[name] = Probe(len(images), seen, moving)
+        found[name] = DetectionProbe(len(images), seen, moving)
     return found
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.measure.detections import Detections
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Views
@@ -96,7 +96,7 @@ def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> La
             if before[:3] == after[:3]:
                 raise InputError(
                     f"camera {after[1]}: frame {after[3]}: two boxes have the identity {after[2]}; one target has one "
-                    "box in a frame: correct the identities, or detect without labels",
+                    f"box in a frame: correct the identities, or leave {option('label_scope')} out",
                     id="duplicate-row",
                 )
         for t_ns, sensor, identity, _ in keys:
@@ -104,7 +104,9 @@ def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> La
             target = labels.number.setdefault(key, identity if scope == GLOBAL else len(labels.number))
             labels.span[target] = (labels.span.get(target, (t_ns, t_ns))[0], t_ns)
     if not labels.number:
-        raise InputError("no box has an identity that could be a target's; detect without labels", id="missing-labels")
+        raise InputError(
+            f"no box has an identity that could be a target's; leave {option('label_scope')} out", id="missing-labels"
+        )
     return labels
 
 

@@ -77,7 +77,9 @@ class Detection(Request):
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting(
+        (), "Use these cameras only, names separated by commas.", metavar="A,B,...", shown=""
+    )
     workers: int | None = number_of_threads()
 
     @property
@@ -125,7 +127,9 @@ class DetectRequest(Detection):
     embed: Path | None = _embed()
     network: Mapping[str, object] = group(lambda: NetworkConfig, only=OF_SHIPPED)
     fuse: bool = option_setting(
-        False, "Fuse detections across cameras: remove false alarms, recover missed detections.", shown=""
+        False,
+        "Fuse detections across cameras: remove false alarms, recover missed detections.",
+        shown="",
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,

@@ -44,7 +44,7 @@ from .by_network import detect_by_network
 from .by_person_network import PersonDetector, Work, check_of, described, of_boxes
 from .by_plugin import detect_by_plugin
 from .checks import DETECTOR, Checked, with_figures
-from .choice import Probe, probe
+from .choice import DetectionProbe, probe
 from .config import AUTO, BACKGROUND, NETWORK, OF_BACKGROUND, DetectConfig, parameters
 from .from_boxes import detect_boxes, scan_labels
 from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
@@ -168,21 +168,21 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):
         raise UsageError(
-            f"{recording.path}: {option('label_scope')} makes targets of the identities of "
-            f"boxes, and nothing is detected in boxes of "
-            "this recording; leave it out",
+            f"{recording.path}: {option('label_scope')} makes targets of the identities of boxes, "
+            f"but this recording's {'images' if recording.cameras else 'bearings'} are used; leave it out",
             id="wrong-content",
         )
     if recording.cameras:
         return _from_images(request, recording, scene, config, left, job)
     if request.method == NETWORK:
-        raise InputError(f"{recording.path}: holds no images; a network detects in images", id="wrong-content")
+        raise InputError(
+            f"{recording.path}: holds no images, which a network needs; give a recording with video", id="wrong-content"
+        )
     if recording.has(Boxes):
         if request.track_feedback is not None:
             raise UsageError(
-                f"{recording.path}: {option('track_feedback')} limits detection in images, or labelled "
-                f"bearings; boxes are candidates of "
-                "any person, to which `occlog label` gives the identity of tracks",
+                f"{recording.path}: {option('track_feedback')} is for images or labelled bearings, not for boxes; "
+                "leave it out, and give the boxes the tracks' identities by `occlog label`",
                 id="not-applicable",
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
@@ -203,7 +203,7 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
         return Work(_simulated_bearings(rows, near, positions), {"input": "bearings", **used})
     hint = "" if recording.ours else f"; {ROS_BAG}"
     raise InputError(
-        f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}",
+        f"{recording.path}: nothing to detect in: it holds neither images, nor boxes, nor bearings{hint}",
         id="wrong-content",
     )
 
@@ -334,7 +334,7 @@ def _background_because(request: DetectRequest, recording: McapRecording, target
     return ""
 
 
-def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
+def _chosen(sensors: Sequence[str], probes: Mapping[str, DetectionProbe]) -> tuple[list[str], tuple[Check, ...]]:
     """Names of the cameras in which the network detects, and findings about those with background subtraction.
 
     `probes` has the result of the comparison by camera; cameras without one are the network's.
@@ -382,7 +382,10 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
     if not opened.cameras:
-        raise InputError(f"{request.recording}: holds no images; {detector} detects in images", id="wrong-content")
+        raise InputError(
+            f"{request.recording}: holds no images, which {detector} needs; give a recording with video",
+            id="wrong-content",
+        )
     sensors = cameras_of(request.cameras, opened)
     known = [camera.name for camera in scene.cameras]
     if unknown := [name for name in sensors if name not in known]:

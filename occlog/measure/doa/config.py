@@ -29,7 +29,11 @@ class DoaConfig(Settings):
 
     OWNER: ClassVar[str] = "listen"
 
-    algorithm: str = option_setting("srp", "Algorithm of pyroomacoustics; srp is SRP-PHAT.", choices=tuple(ALGORITHMS))
+    algorithm: str = option_setting(
+        "srp",
+        "Algorithm of pyroomacoustics: SRP-PHAT (srp), MUSIC, NormMUSIC, CSSM, WAVES or TOPS.",
+        choices=tuple(ALGORITHMS),
+    )
     low_hz: float = setting(300.0, "Lower end of the frequency band.", unit="Hz", above=0, below=1e9)
     high_hz: float = setting(4000.0, "Upper end of the frequency band.", unit="Hz", above=0, below=1e9)
     frame_s: float = setting(
@@ -51,7 +55,7 @@ class DoaConfig(Settings):
     )
     window_s: float = setting(
         0.04,
-        "Minimum length of a spectrum; the next power of two samples is taken.",
+        "Minimum length of a window of the short-time spectrum; it is rounded up to a power of two samples.",
         unit="s",
         above=0,
         at_most=MAX_WINDOW_S,
@@ -77,8 +81,8 @@ class DoaConfig(Settings):
     )
     min_peak: float = option_setting(
         0.6,
-        "Ignore peaks lower than this share of the way from the median of the map to its maximum. Lower values "
-        "report more directions and more false alarms.",
+        "Ignore peaks of the spatial spectrum lower than this share of the way from its "
+        "median to its maximum. Lower values report more directions and more false alarms.",
         at_least=0,
         at_most=1,
     )
@@ -99,7 +103,7 @@ class DoaConfig(Settings):
     )
     min_snr_db: float | None = setting(
         None,
-        "Sound must also exceed the quietest of the last half minute by this; for speech in noise.",
+        "Sound must also exceed the quietest level of the last 30 s by this [dB]; for speech in noise.",
         unit="dB",
         above=0,
         below=1e9,
@@ -112,7 +116,7 @@ class DoaConfig(Settings):
         unit="length/s",
         above=0,
         below=1e9,
-        nothing="343 m",
+        nothing="343 m/s",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

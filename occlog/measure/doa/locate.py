@@ -289,9 +289,9 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
     extent = float(np.hypot.reduce(np.ptp(array.microphones, axis=0))) if len(array.microphones) else 0.0
     if not extent <= speed * window:
         raise InputError(
-            f"scene: array {array.name}: its microphones spread over {extent:g} {unit}, which sound crosses in "
-            f"{extent / speed:.3g} s; a window of {window:g} s takes at most {speed * window:.3g} {unit}: correct "
-            f"`microphones`, or take a longer {option('window')}"
+            f"scene: array {array.name}: microphones spread over {extent:g} {unit}, but a window of {window:g} s "
+            f"allows {speed * window:.3g} {unit} (travel time of sound); correct `microphones`, or give a longer "
+            f"{option('window')}"
         )
 
 
@@ -321,7 +321,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
     if allowed.size > MAX_POINTS:
         raise UsageError(
             f"listen: a grid of {step:g} degrees has {allowed.size} directions, at most {MAX_POINTS} can be searched; "
-            f"give a wider {option('grid')}",
+            f"give a larger step: {option('grid')}",
             id="problem-too-large",
         )
     return DirectionGrid(azimuth, elevation, allowed)

@@ -38,7 +38,8 @@ class DoaRequest(Request):
     scene: Path | None = scene_file()
     arrays: tuple[str, ...] = option_setting(
         (),
-        "Positions of the microphones of an array: a table x, y, z [m].",
+        "Positions of the microphones of an array, instead of the scene's: a CSV table x, y, "
+        "z [m], a row for each; may be repeated.",
         metavar="[NAME=]FILE",
         repeat=True,
         whole=True,
@@ -46,7 +47,8 @@ class DoaRequest(Request):
     )
     channels: tuple[str, ...] = option_setting(
         (),
-        "Channels of the files, from 1, in the order of the microphones. [default: all]",
+        "Numbers of the channels of the sound files, from 1, separated by commas, in the "
+        "order of the microphones. [default: all]",
         metavar="A,B,...",
         shown="",
     )
@@ -67,7 +69,7 @@ class DoaRequest(Request):
     )
     band: tuple[float, ...] | None = option_setting(
         None,
-        "Frequency band to use [Hz]. [default: 300 4000]",
+        "Lowest and highest frequency to use [Hz]. [default: 300 4000]",
         unit="Hz",
         counts=(2,),
         apart=True,

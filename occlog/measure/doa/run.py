@@ -139,12 +139,14 @@ def _scene(plan: _Plan) -> Scene:
     more = [a for name, path in plan.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
         raise UsageError(
-            f"{option('arrays')}: tables are in m, but {plan.scene} in {scene.length_unit}; use one of them",
+            f"{option('arrays')}: tables are in m, but {plan.scene} is in {scene.length_unit}; state all arrays there",
             id="unit-mismatch",
         )
     arrays = (*scene.arrays, *more)
     if (double := first_double([a.name for a in arrays])) is not None:
-        raise UsageError(f"array {double}: is given twice; keep one", id="duplicate-name")
+        raise UsageError(
+            f"array {double}: is given twice, in the scene or {option('arrays')}; keep one", id="duplicate-name"
+        )
     if not arrays:
         raise UsageError(
             f"no array with known microphones; give {option('scene')} with microphone_arrays, or {option('arrays')}",
@@ -187,10 +189,9 @@ def _directions(
     if total == 0:
         least = frame_size(sound.rate, plan.config)
         raise InputError(
-            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
-            f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
-            f"take a shorter {option('frame')} and "
-            f"{option('window')}, or leave the file out",
+            f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are fewer than one frame has, "
+            f"{least} ({least / sound.rate:.3g} s); give a shorter {option('frame')} and {option('window')}, or leave "
+            "the file out",
             id="insufficient-data",
         )
     blocks = channels.watch(_blocks(sound, plan.channels))

@@ -21,7 +21,8 @@ class EpipolarConfig(Settings):
     )
     model: str = option_setting(
         "auto",
-        "Model of matches; affine is for distant cameras with long lenses.",
+        "Model of the matches: `perspective`, `affine` (distant cameras with long lenses), or `auto`: affine unless "
+        "perspective fits significantly better.",
         choices=("auto", "perspective", "affine"),
     )
     inlier_threshold_px: float = setting(
@@ -33,7 +34,7 @@ class EpipolarConfig(Settings):
     )
     max_epipolar_error_px: float = setting(
         5.0,
-        "Maximum expected error of the epipolar lines; matches that leave a larger one are refused.",
+        "Maximum expected error of the epipolar lines; a pair of views is refused if its matches give a larger one.",
         unit="px",
         above=0,
         option="--max-epipolar-error",

@@ -135,24 +135,25 @@ def estimate_fundamental(
     config = config or EpipolarConfig()
     threshold_px = config.inlier_threshold_px
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise ValueError("matches must be two finite tables of as many points x, y")
+        raise ValueError(f"matches must be two arrays (N, 2) of finite points; got {a.shape} and {b.shape}")
     if len(a) < min_matches:
-        raise ValueError(f"{len(a)} matches, must be at least {min_matches} for a fundamental matrix")
+        raise ValueError(f"{len(a)} matches; a fundamental matrix needs at least {min_matches}: add matches")
     # Fit robustly: MAGSAC, then least squares over the inliers; affine by random sampling
     _not_on_a_line(a, b, threshold_px)
     fit, inliers, affine = _robust(a, b, config.model, threshold_px)
     agree = int(inliers.sum())
     if agree < AGREEING * min_matches:
         raise ValueError(
-            f"{agree} of {len(a)} matches agree with a fundamental matrix, must be at least {AGREEING * min_matches:g}"
+            f"{agree} of {len(a)} matches agree with the best fundamental matrix, must be at least "
+            f"{AGREEING * min_matches:g}; correct the others, or add matches"
         )
     # Refuse degenerate sets: a line, a plane, one position
     _not_on_a_line(a[inliers], b[inliers], threshold_px)
     parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
     if not fit.error_px <= config.max_epipolar_error_px:
         raise ValueError(
-            f"the expected error is {fit.error_px:.3g} px, must be at most {config.max_epipolar_error_px:g}; "
-            "add matches, spread in depth and over the images"
+            f"the fundamental matrix has an expected error of {fit.error_px:.3g} px, must be at most "
+            f"{config.max_epipolar_error_px:g}; add matches, spread in depth and over the images"
         )
     return FundamentalFit(
         matrix=fit.matrix,
@@ -170,7 +171,7 @@ def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
         if across < threshold_px:
             raise ValueError(
                 f"the matches are on a line in the {view} view (spread across it {across:.2g} px, "
-                f"must be at least {threshold_px:g}); add matches as well"
+                f"must be at least {threshold_px:g}); add matches off the line"
             )
 
 
@@ -189,9 +190,8 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
         raise ValueError(
-            f"the matches fit one plane, or cameras at one position: they deviate from it by "
-            f"{parallax:.2g} px, with noise of {noise:.2g} px, must be at least {PARALLAX:g} times it; "
-            "add matches off the plane"
+            f"the matches fit one plane, or cameras at one position: they deviate from it by {parallax:.2g} px, "
+            f"must be at least {PARALLAX * noise:.2g} ({PARALLAX:g} x noise); add matches off the plane"
         )
     off = _off_the_plane(a, b, noise)
     agree, all_off = int((inliers & off).sum()), int(off.sum())
@@ -254,7 +254,9 @@ def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[Fund
     if model != "perspective":
         candidates.append((*_settle(a, b, _sampled_affine(a, b, threshold_px), threshold_px, affine=True), True))
     if not candidates:
-        raise ValueError("no fundamental matrix agrees with the matches; they are wrong, too few or on one plane")
+        raise ValueError(
+            "no fundamental matrix agrees with the matches: they are wrong, too few or on a plane; correct or add some"
+        )
     if len(candidates) == 1:
         return candidates[0]
     return candidates[1] if _affine_will_do(a, b, candidates[0], candidates[1]) else candidates[0]

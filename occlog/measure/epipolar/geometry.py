@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import Camera, Scene
 from occlog.records.view_pairs import ViewPair, ViewPairs
 
@@ -73,12 +73,12 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
         return
     if pair.undistorted:
         raise InputError(
-            f"the fundamental matrix of {pair.a} and {pair.b} needs undistorted pixels, but no scene has the "
-            "lens distortion of these cameras; give the scene that it was made with",
+            f"the fundamental matrix of {pair.a} and {pair.b} needs undistorted pixels; give the scene with "
+            f"the cameras' lens distortion that it was made with ({option('scene')})",
             id="incompatible-inputs",
         )
     raise InputError(
         f"the fundamental matrix of {pair.a} and {pair.b} is for distorted pixels, but the scene has lens "
-        "distortion; make the matrix again with `occlog epipolar` and the scene",
+        "distortion; make it again with `occlog epipolar` and the scene",
         id="incompatible-inputs",
     )

@@ -51,9 +51,17 @@ class EpipolarRequest(Request):
         option="--from-tracks",
         metavar="FILE",
     )
-    fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
+    fundamental: Path | None = source(
+        "Fundamental matrices (JSON, or a recording that holds some) to check, or to write, instead of estimating "
+        "them.",
+        metavar="FILE",
+    )
     check: bool = option_setting(
-        False, "Write nothing, and report how well the matches agree with the matrices or the poses.", shown=""
+        False,
+        "Write nothing, and report how well the matches agree with the matrices or the poses.",
+        shown="",
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
-    cameras: tuple[str, ...] = option_setting((), "Only pairs of these cameras.", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting(
+        (), "Only pairs of these cameras, names separated by commas.", metavar="A,B,...", shown=""
+    )

@@ -165,7 +165,8 @@ def _only(pairs: ViewPairs, only: tuple[str, ...]) -> ViewPairs:
     if not kept:
         there = ", ".join(f"{p.a}-{p.b}" for p in pairs.pairs)
         raise UsageError(
-            f"{option('cameras')} {','.join(only)}: names no pair of views; pairs there: {there}", id="unknown-sensor"
+            f"{option('cameras')} {','.join(only)}: no matrix is of two of these; there are: {there}",
+            id="unknown-sensor",
         )
     return ViewPairs(kept)
 
@@ -178,7 +179,8 @@ def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
             if name not in known:
                 cameras = ", ".join(sorted(set(known))) or "none"
                 raise InputError(
-                    f"{recording.path}: has no camera {name!r} of the pair; cameras: {cameras}", id="unknown-sensor"
+                    f"{recording.path}: has no camera {name!r} of the matrix {pair.a}-{pair.b}; it has: {cameras}",
+                    id="unknown-sensor",
                 )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.geometry.fundamental import check_fundamental, symmetric_errors
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import TruthBoxes
@@ -128,7 +128,8 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
     pair = pairs.find(m.a, m.b)
     if pair is None:
         raise InputError(
-            f"{m.where}: no fundamental matrix of these views to check; choose other cameras", id="disjoint-inputs"
+            f"{m.where}: no fundamental matrix of these views to check; choose others ({option('cameras')})",
+            id="disjoint-inputs",
         )
     a, b, undistorted = _ideal(m, scene)
     if pair.undistorted != undistorted:

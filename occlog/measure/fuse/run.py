@@ -44,8 +44,8 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
         )
     if open_input(request.bearings).table == Tracks.NAME:
         raise UsageError(
-            f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "
-            "bearings",
+            f"{request.bearings}: holds tracks; to fuse them add tracks of other cameras with {option('with')}, or "
+            "give bearings",
             id="wrong-content",
         )
     inputs = MeasurementInputs(request.bearings, request.scene)

@@ -241,8 +241,7 @@ def _fuse_target(
         twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.camera_of[own])) == 0)[0]]]
         raise InputError(
             f"bearings: sensor {str(twice)!r} has two rows for target {target} at {time_words(step.t_ns)}; a "
-            "sensor has one "
-            "row a target and time (candidates that may be of any object have target_id -1)",
+            "sensor has one row a target and time (candidates of any object: target_id -1)",
             id="duplicate-row",
         )
     seen = own[ledger.bearings.seen[own]]

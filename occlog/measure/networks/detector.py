@@ -112,8 +112,8 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
     flat = [name for name, each in outputs.items() if each.size == len(each) * max(each.shape[1:], default=0)]
     if len(flat) != 1 or not 2 <= outputs[flat[0]][0].size <= LONGEST_VECTOR:
         raise InputError(
-            f"{path}: its outputs are {shapes(outputs)}; one with a vector of 2 to {LONGEST_VECTOR} numbers for each "
-            "image was expected",
+            f"{path}: its outputs are {shapes(outputs)}; one vector of 2 to {LONGEST_VECTOR} numbers for each "
+            "image was expected: give a re-identification network",
             id="unsupported-network",
         )
     return Embedder(network, config.embed_pixel_scaling, flat[0], outputs[flat[0]][0].size)
@@ -260,7 +260,7 @@ class NetworkDetector:
             except FloatingPointError:
                 found.append(None)
             except InputError as error:
-                raise InputError(f"{self.network.file.path}: {error}") from None
+                raise InputError(f"{self.network.file.path}: {error}") from error
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:

@@ -140,7 +140,7 @@ def recognise(
     """
     task = metadata.get("task", "")
     if task and task not in ("detect", *WITH_MORE):
-        raise InputError(f"the network is for {task!r}, not for detection", id="unsupported-network")
+        raise InputError(f"the network is for {task!r}, not for detection; give a detector", id="unsupported-network")
     more = task in WITH_MORE
     heads = [head] if head is not None else _candidates(outputs, size, names, more)
     if metadata.get("end2end") == "True" and END2END in heads:
@@ -161,7 +161,7 @@ def recognise(
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
         raise InputError(
-            f"it is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
+            f"the network is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
             f"{shapes(outputs)}",
             id="unsupported-network",
         )
@@ -373,8 +373,8 @@ def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
 def _check_scores(head: str, scores: Floats32) -> None:
     if scores.size and not (scores.min() >= -SCORE_SLACK and scores.max() <= 1.0 + SCORE_SLACK):
         raise InputError(
-            f"scores from {scores.min():.4g} to {scores.max():.4g} are no confidences, 0 to 1, as {head} has them; it "
-            "has another head, or was exported without its last step",
+            f"scores from {scores.min():.4g} to {scores.max():.4g} are no confidences, 0 to 1, as head {head} has; "
+            f"state another {option('head')}, or export it with its last layer",
             id="unsupported-network",
         )
 
@@ -384,7 +384,8 @@ def _check_places(head: str, boxes: Floats, *, shares: bool) -> None:
         return
     what = "shares of an image" if shares else "pixels"
     raise InputError(
-        f"coordinates up to {np.abs(boxes).max():.4g} are no {what}, as {head} has them; it has another head",
+        f"box coordinates up to {np.abs(boxes).max():.4g} are no {what}, as head {head} has; state another "
+        f"{option('head')}",
         id="unsupported-network",
     )
 
@@ -452,20 +453,20 @@ def read_names(path: Path) -> dict[int, str]:
     check_input(path, "names of classes (text, one a line)")
     if path.stat().st_size > LONGEST_FILE:
         raise InputError(
-            f"{path}: has {path.stat().st_size} bytes; names of classes have at most {LONGEST_FILE}",
+            f"{path}: has {path.stat().st_size} bytes; a file of class names has at most {LONGEST_FILE}",
             id="input-too-large",
         )
     try:
         lines = path.read_text(encoding="utf-8").rstrip().splitlines()
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: is not UTF-8 text ({error.reason}); write one name a line", id="wrong-encoding"
+            f"{path}: is not UTF-8 text ({error.reason}); write one class name a line", id="wrong-encoding"
         ) from None
     if not lines:
-        raise InputError(f"{path}: holds no name; write one a line", id="empty-input")
+        raise InputError(f"{path}: holds no class name; write one a line, the first of class 0", id="empty-input")
     if any(not line.strip() for line in lines):
         row = next(k for k, line in enumerate(lines, 1) if not line.strip())
-        raise InputError(f"{path}: line {row}: is empty; write one name a line, the first of class 0")
+        raise InputError(f"{path}: line {row}: is empty; write one class name a line, the first of class 0")
     return {k: line.strip() for k, line in enumerate(lines)}
 
 
@@ -483,13 +484,14 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
         names = read_names(file)
         if count is not None and len(names) != count:
             raise InputError(
-                f"{file}: {len(names)} names, but the network has {count} classes", id="incompatible-inputs"
+                f"{file}: {len(names)} class names, but the network has {count} classes; write one for each",
+                id="incompatible-inputs",
             )
         return ClassNames(names, file.name)
     if declared is not None:
         if count is not None and max(declared) >= count:
             raise InputError(
-                f"names its class {max(declared)}, but has {count} classes; give their names in a file "
+                f"the network names its class {max(declared)}, but has {count} classes; give their names in a file "
                 f"({option('names')})",
                 id="unsupported-network",
             )
@@ -526,8 +528,8 @@ def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -
             continue
         if not names.names:
             raise UsageError(
-                f"class {text!r}: the network does not name its {count} classes; give the class's number, or their "
-                "names in a file",
+                f"class {text!r}: the network does not name its {count} classes; give the class's number, or a file of "
+                "their names",
                 id="unknown-name",
             )
         if text.casefold() not in numbers:

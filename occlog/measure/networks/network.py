@@ -76,7 +76,7 @@ class ImageNetwork:
             if values.dtype.kind not in "fiu" or values.shape[:1] != (images,):
                 raise InputError(
                     f"{self.file.path}: output {name} is {values.dtype} {values.shape} for {images} images; numbers "
-                    "for each image were expected",
+                    "for each image were expected: export it so",
                     id="unsupported-network",
                 )
         return {name: values.astype(np.float32) for name, values in outputs.items()}
@@ -102,7 +102,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
     of_file = _whole_size(file, wide, high, size)
     if count is not None and batch not in (1, count):
         raise UsageError(
-            f"{path}: takes {count} images at a time, not {batch}; leave the batch out", id="not-applicable"
+            f"{path}: takes {count} images at a time, not {batch}; leave {option('batch')} out", id="not-applicable"
         )
     found = ImageNetwork(
         file, SubprocessRuntime(file, runtime, threads), image, extent, of_file, count or batch, count is None
@@ -118,7 +118,8 @@ def _inputs(file: OnnxFile) -> tuple[Port, str]:
     sizes = [p.name for p in others if p.kind == "int64" and p.shape is not None and p.shape[-1:] == (2,)]
     if len(images) != 1 or len(others) > 1 or len(sizes) != len(others):
         raise InputError(
-            f"{file.path}: its inputs are {_ports(file.inputs)}; one for images (B x 3 x H x W) was expected",
+            f"{file.path}: its inputs are {_ports(file.inputs)}; one for images (B x 3 x H x W) was expected: export "
+            "it so",
             id="unsupported-network",
         )
     (image,) = images

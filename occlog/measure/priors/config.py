@@ -97,9 +97,7 @@ class HullConfig(Settings):
         0.0, "Frames closer together in time are one time step.", unit="s", at_least=0, option="--window"
     )
     exclude_targets: bool = setting(
-        True,
-        "Omit clusters that are known to be of a target.",
-        option="--exclude-targets/--include-targets",
+        True, "Omit clusters that are labelled as a target.", option="--exclude-targets/--include-targets"
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -160,7 +160,7 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
     """
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
-            f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them",
+            f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one out",
             id="duplicate-row",
         )
     if state.t_ns is not None:

@@ -51,7 +51,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
     """
     if len(scene.arrays) < 2:
         raise UsageError(
-            f"the scene has {len(scene.arrays)} microphone arrays; to locate sources takes at least 2",
+            f"the scene has {len(scene.arrays)} microphone arrays; locating sources requires at least 2: add some",
             id="too-few-sensors",
         )
     nothing = np.empty(0, dtype=np.int64)

@@ -29,12 +29,18 @@ class KalmanRequest(Request):
     RUN: ClassVar[str] = "occlog.measure.priors.run:run_kalman"
 
     positions: Path = source("Truth or tracks.", argument=True)
-    output: Path = output_file("Occluders (Parquet).", "occluders")
+    output: Path = output_file(
+        "Occluder priors: mean and covariance of each occluder at each time (Parquet).", "occluders"
+    )
     scene: Path | None = source("Scene (YAML or a recording), of which only the length unit is used.", scene=True)
     measured: bool = option_setting(False, "POSITIONS are real measurements: no noise is added.", shown="")
     settings: Mapping[str, object] = group(lambda: PositionPriorConfig)
     without: tuple[int, ...] = option_setting(
-        (), "Leave this object out; may be repeated.", metavar="ID", repeat=True, shown=""
+        (),
+        "Leave out the object with this identity; may be repeated.",
+        metavar="ID",
+        repeat=True,
+        shown="",
     )
     seed: int = seed_of_all()
 
@@ -54,7 +60,9 @@ class HullRequest(Request):
     RUN: ClassVar[str] = "occlog.measure.priors.run:run_hull"
 
     views: Path = source("Views of cameras.", argument=True)
-    output: Path = output_file("Occluders: Gaussians (Parquet).", "occluders")
+    output: Path = output_file(
+        "Occluder priors: mean and covariance of each polygon at each time (Parquet).", "occluders"
+    )
     hulls: Path | None = sink("Also write the polygons of the visual hulls (Parquet).", "hulls")
     scene: Path | None = scene_file()
     bearings: Path | None = source(
@@ -77,7 +85,9 @@ class AcousticRequest(Request):
     RUN: ClassVar[str] = "occlog.measure.priors.run:run_acoustic"
 
     doa: Path = source("Directions of arrival.", argument=True)
-    output: Path = output_file("Occluders (Parquet).", "occluders")
+    output: Path = output_file(
+        "Occluder priors: mean and covariance of each occluder at each time (Parquet).", "occluders"
+    )
     scene: Path | None = scene_file()
     settings: Mapping[str, object] = group(lambda: AcousticConfig, example="min_triangulation_angle=0.2")
 

@@ -63,7 +63,9 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
         rows += len(chunk)
         yield chunk
     if rows == 0:
-        raise InputError(f"{path}: has no rows; nothing can be found from it", id="empty-input")
+        raise InputError(
+            f"{path}: has no rows, of which occluders could be estimated; give another file", id="empty-input"
+        )
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
@@ -106,7 +108,8 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
             tally.add(table)
         if not tally.identities:
             raise InputError(
-                f"{path}: no row is of a moving occluder; priors need rows of the role occluder", id="empty-input"
+                f"{path}: no row is of a moving occluder; priors need rows of the role occluder: give a file with some",
+                id="empty-input",
             )
     head = {"occluders": str(request.output), "source": "kalman", "measurement_noise": config.measurement_noise}
     return {**head, **tally.summary()}, source.losses
@@ -150,7 +153,8 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
     used = [name for name in placed if not request.cameras or name in request.cameras]
     if len(used) < 2:
         raise UsageError(
-            f"{len(used)} cameras with a pose are left; a visual hull needs at least 2", id="too-few-sensors"
+            f"{len(used)} cameras with a pose are left; a visual hull needs at least 2: calibrate or choose more",
+            id="too-few-sensors",
         )
     return used
 

@@ -103,18 +103,26 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
         bearings: labelled or not; of labelled ones only those of the first target are used.
     """
     if scene.length_unit != "m":
-        raise InputError(f"the recording is in {scene.length_unit}, the experiment requires metres", id="unit-mismatch")
+        raise InputError(
+            f"the recording is in {scene.length_unit}, the experiment requires metres; give a scene in m",
+            id="unit-mismatch",
+        )
     config = replace(ApfConfig.in_unit("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(config, 0))])
     if len(tracks) <= SKIP + 1:
-        raise InputError(f"{len(tracks)} times with detections, expected more than {SKIP + 1}", id="insufficient-data")
+        raise InputError(
+            f"{len(tracks)} times with detections, expected more than {SKIP + 1}; give a longer recording",
+            id="insufficient-data",
+        )
     target = tracks.target_id[0]
     tracks = tracks.take(tracks.target_id == target)
     own = np.isin(bearings.target_id, (UNLABELLED, target)) & np.isin(bearings.t_ns, tracks.t_ns)
     mine = assign(scene, bearings.take(own), tracks)
     found = set(mine.sensor[mine.seen].tolist())
     if len(found) < 2:
-        raise InputError(f"{len(found)} cameras saw the target, expected at least 2", id="too-few-sensors")
+        raise InputError(
+            f"{len(found)} cameras saw the target, expected at least 2; give bearings of more", id="too-few-sensors"
+        )
     positions = stand_in(scene, mine, min(LINES, len(found)))
     return Recorded(scene, mine.take(np.isin(mine.t_ns, positions.t_ns)), positions)
 
@@ -153,7 +161,8 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
         raise InputError(
-            f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}", id="insufficient-data"
+            f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}; give a longer recording",
+            id="insufficient-data",
         )
     at, xy = met.t_ns[good], met.xy[good]
     weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
@@ -409,7 +418,8 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
     positions, tracks = recorded.positions, tracks.take(slice(SKIP, None))
     if not len(tracks):
         raise InputError(
-            f"no more than {SKIP} estimates, which are skipped; give more steps or more cameras", id="insufficient-data"
+            f"all estimates are among the first {SKIP}, which are skipped; give more steps or more cameras",
+            id="insufficient-data",
         )
     row = np.searchsorted(positions.t_ns, tracks.t_ns)
     return float(np.sqrt(np.mean((tracks.x - positions.x[row]) ** 2 + (tracks.y - positions.y[row]) ** 2)))

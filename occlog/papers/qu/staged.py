@@ -89,7 +89,7 @@ def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
     rng = generator(seed, RandomStream.WORLD_MOTION, config.balls)
     positions = SCENES[scene](config, rng)
     if positions.shape[1] != config.balls:
-        raise InputError(f"trial: scene {scene} has {positions.shape[1]} balls, not {config.balls}")
+        raise InputError(f"trial: scene {scene} has {positions.shape[1]} balls, not {config.balls}; give this number")
     middle = np.array([0.0, 0.0, 0.5 * config.height])
     return BallPaths(positions + middle, ball_paths(config, seed).turns)
 

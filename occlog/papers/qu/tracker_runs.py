@@ -174,7 +174,9 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
     if any(len(r) != 1 for r in rows):
-        raise InputError(f"trial: view {view} has no trackers of {one} and {other} to exchange", id="unknown-name")
+        raise InputError(
+            f"trial: view {view} has no trackers of targets {one} and {other} to exchange", id="unknown-name"
+        )
     order = np.arange(len(t.view))
     order[np.concatenate(rows)] = order[np.concatenate(rows[::-1])]
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
@@ -190,7 +192,7 @@ def diverted_state(state: VisualState, diverted: DivertedTracker) -> VisualState
     rows = np.flatnonzero((t.view == diverted.view) & (t.target == diverted.target))
     if len(rows) != 1:
         raise InputError(
-            f"trial: view {diverted.view} has no tracker of {diverted.target} to lead astray", id="unknown-name"
+            f"trial: view {diverted.view} has no tracker of target {diverted.target} to divert", id="unknown-name"
         )
     i, particles, estimate = rows[0], t.particles.copy(), t.estimate.copy()
     particles[i, :, :2], estimate[i, :2] = (diverted.x, diverted.y), (diverted.x, diverted.y)

@@ -22,10 +22,13 @@ from occlog.pipeline.executors.options import executor_options, job_settings, nu
     default="tracks",
     show_default=True,
     metavar="A,B,...",
-    help="Tables of the run folders to concatenate over all recordings.",
+    help="Names of tables in the run folders to concatenate over all recordings, separated by commas.",
 )
 @click.option(
-    "--cache", type=options.PATH, default=None, help="Cache folder for files from URLs. [default: the user's]"
+    "--cache",
+    type=options.PATH,
+    default=None,
+    help="Cache folder for files from URLs. [default: `occlog` in the user's cache folder, or OCCLOG_CACHE]",
 )
 @click.option(
     "--cache-limit",
@@ -33,7 +36,7 @@ from occlog.pipeline.executors.options import executor_options, job_settings, nu
     default=20.0,
     show_default=True,
     metavar="GB",
-    help="Maximum size of the cache.",
+    help="Maximum size of the cache [GB]; the least recently used files are removed first.",
 )
 @click.option("--force", "--overwrite", "force", is_flag=True, help="Run every stage, also those that are up to date.")
 @options.strict_opt

@@ -157,7 +157,8 @@ def _found(pattern: str, results: str) -> list[str]:
     urls = [url for url in find(pattern) if not (results and url.replace(":///", "://").startswith(below))]
     if not urls:
         raise InputError(
-            f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list", id="file-not-found"
+            f"{without_secrets(pattern)}: finds no file; check the pattern, and your permission to list it",
+            id="file-not-found",
         )
     return urls
 

@@ -87,7 +87,9 @@ def _prepare(output: Path) -> Path:
             id="wrong-content",
         )
     if mark.exists() and read_json(mark).get("program") != "occlog":
-        raise InputError(f"{mark}: not of a batch; name a new or empty folder", id="wrong-content")
+        raise InputError(
+            f"{mark}: is of another program, not of a batch; name a new or empty folder", id="wrong-content"
+        )
     try:
         output.mkdir(parents=True, exist_ok=True)
         with no_links_out_of(output):

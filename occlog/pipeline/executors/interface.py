@@ -43,7 +43,7 @@ def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
     """Return work(piece) on a worker; InputError if the worker's occlog has another version than `version`."""
     if version != __version__:
         raise InputError(
-            f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
+            f"a worker has occlog {__version__}, this machine {version}; install {version} there", id="version-mismatch"
         )
     return work(piece)
 

@@ -27,7 +27,8 @@ def executor_options(command: F) -> F:
             "jobs",
             multiple=True,
             metavar="NAME=VALUE",
-            help="Setting of jobs: jobs (their number), timeout_min, mem_gb, slurm_partition, ...; may be repeated.",
+            help="Setting NAME=VALUE of the jobs of --scheduler slurm: jobs (their number), timeout_min, mem_gb, "
+            "slurm_partition, ...; may be repeated.",
         ),
         click.option(
             "--scheduler",

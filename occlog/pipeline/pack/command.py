@@ -13,7 +13,12 @@ from occlog.io.files.atomic import check_outputs
 
 @click.command(name="pack", short_help="Archive a run folder with its inputs and versions in one file.")
 @click.argument("folder", type=options.PATH)
-@click.option("--config", type=options.INPUT, required=True, help="Configuration of the run folder.")
+@click.option(
+    "--config",
+    type=options.INPUT,
+    required=True,
+    help="Configuration (YAML) that `occlog run` made the run folder from.",
+)
 @options.output_opt("The archive (ZIP).")
 @click.option("--reference", is_flag=True, help="Omit the inputs and store only their names, sizes and SHA-256.")
 @options.overwrite_opt

@@ -67,7 +67,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
             others = other_versions(folder)
             why = f" (it was made with other packages: {others})" if others else ""
             raise InputError(
-                f"{folder}: stage {step.stage} is not as {config} makes it now{why}; do it again: {remedy}",
+                f"{folder}: stage {step.stage} is not up to date with {config}{why}; do it again: {remedy}",
                 id="file-changed",
             )
     files = inputs_of(wanted, folder)

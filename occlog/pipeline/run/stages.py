@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from occlog.cli.main import COMMANDS
-from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, nearest, option
+from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, did_you_mean, option
 from occlog.io.files.limits import STANDARD_INPUT
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.io.recording.reader import McapRecording, open_recording
@@ -47,6 +47,7 @@ PARTICLES = "particle_cloud"
 """Key of `track` that is true where the folder is to have the table `particles`."""
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
+VALID = "valid keys:"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
         if key not in KEYS:
-            raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}", id="unknown-key")
+            raise InputError(f"{path}: unknown key {key!r}; {did_you_mean(str(key), KEYS, VALID)}", id="unknown-key")
     if values.get("occlog_run") != 1:
         raise InputError(
             f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}",
@@ -136,7 +137,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
         problem = str(error).removeprefix(error.options[0]).lstrip(": ")
         raise InputError(f"{_place(config, stage, named)}: {problem}") from error
     except InputError as error:
-        if not error.options:
+        if not error.options and error.id != "file-not-found":  # the configuration names this file, in its own folder
             raise
         raise InputError(f"{config.at(stage)}: {error}") from error
     finally:
@@ -235,7 +236,9 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
         measured = config.path.resolve().parent / str(config.values["table"])
         if "scene" not in config.values:
             raise InputError(
-                f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors", id="missing-scene"
+                f"{config.at('table')}: a file of measurements holds no scene; add the key `scene` with a scene "
+                "file or a table of sensor positions",
+                id="missing-scene",
             )
     else:
         measured = folder / "doa.parquet"
@@ -459,7 +462,9 @@ def _priors(
     values = config.stage("priors")
     kind = values.get("source", "hull")
     if kind not in PRIORS:
-        raise InputError(f"{config.path}: priors.source: {kind!r}; {_nearest(str(kind), PRIORS)}", id="unknown-name")
+        raise InputError(
+            f"{config.path}: priors.source: {kind!r}; {did_you_mean(str(kind), PRIORS, 'kinds:')}", id="unknown-name"
+        )
     outputs = {"output": folder / "occluders.parquet"}
     if kind == "hull":
         outputs["hulls"] = folder / "hulls.parquet"
@@ -564,7 +569,7 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
     owners = [name for name, kind in kinds if any(entry.key == key for entry in kind.form().entries())]
     if isinstance(verb, Verb) and owners:
         return f"it is a key of {verb.what} {', '.join(owners)}; remove it, or choose one of them"
-    return _nearest(key, sorted(known))
+    return did_you_mean(key, sorted(known), VALID)
 
 
 def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
@@ -617,8 +622,3 @@ def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, 
 
 def _takes(form: Form, key: str) -> bool:
     return any(entry.key == key for entry in form.entries())
-
-
-def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:
-    near = nearest(key, valid, cutoff=0.5)
-    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"valid keys: {', '.join(valid)}"

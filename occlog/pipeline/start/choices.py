@@ -284,7 +284,8 @@ def _of_cameras(made: Choices) -> None:
     keys = made.values.get("ingest", {}).keys() | made.given.get("ingest", {}).keys()
     if not keys & {"video", "images", "boxes", "positions"}:
         raise InputError(
-            f"{', '.join(map(str, made.sources))}: no camera is left that can be used; see above", id="too-few-sensors"
+            f"{', '.join(map(str, made.sources))}: no camera is left that can be used; the reasons are above",
+            id="too-few-sensors",
         )
     if calibration is not None:
         _put_calibration(made, calibration)
@@ -395,7 +396,8 @@ def _check_doubles(made: Choices, opened: OpenedBoxes) -> None:
             if len(items) > 1:
                 remedies = _one_of(made, items, alone=name == items[1].name)
                 raise InputError(
-                    f"{items[1].path}: camera {name}, as {made.shown(items[0].path)}; {remedies}", id="ambiguous-input"
+                    f"{items[1].path}: is of camera {name}, as {made.shown(items[0].path)} is; {remedies}",
+                    id="ambiguous-input",
                 )
     both = {i.name for i in made.found.of(FileKind.VIDEO)} & {i.name for i in made.found.of(FileKind.IMAGES)}
     for item in made.found.of(FileKind.IMAGES):

@@ -19,7 +19,7 @@ from occlog.pipeline.executors.options import executor_options, job_settings, nu
     default="rmse,rmse_occ,restart,bytes",
     show_default=True,
     metavar="A,B,...",
-    help="Metrics of the printed table; the files have all.",
+    help="Names of the metrics in the printed table; the files have all.",
 )
 @options.overwrite_opt
 @options.quiet_opt

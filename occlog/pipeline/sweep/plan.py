@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError, did_you_mean
-from occlog.io.files.limits import read_configuration
+from occlog.io.files.limits import bounded_text
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.settings import SettingError, Settings, check_setting
 from occlog.simulate.config import ObserveConfig, WorldConfig
@@ -164,7 +164,7 @@ def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
     Raises:
         InputError: a name that cannot vary, an empty list, too many trials, or cameras that do not exist.
     """
-    scene = read_configuration(path.parent / spec.scene, "a scene")
+    scene = bounded_text(path.parent / spec.scene, "a scene")
     try:
         return _combined(spec, scene)
     except InputError as error:

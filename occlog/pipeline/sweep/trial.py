@@ -163,7 +163,7 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
     index = np.searchsorted(true.t_ns, own.t_ns)
     if np.any(index >= len(true)) or not np.array_equal(true.t_ns[index], own.t_ns):
         raise InputError(
-            "trial: estimates at times that the truth does not have; give cameras no separate rate",
+            "trial: estimates are at times that the truth does not have; leave rate_hz of cameras out of the scene",
             id="disjoint-inputs",
         )
     error = np.hypot(own.x - true.x[index], own.y - true.y[index])[skip:]

@@ -97,7 +97,7 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
                 steps = _make_again(manifest, folder, made, begin)
         except (OcclogError, click.ClickException) as error:
             reason = str(error).replace(f"{folder}/", "")
-            raise InputError(f"{archive}: cannot be made again: {reason}") from error
+            raise InputError(f"{archive}: its run cannot be repeated: {reason}") from error
         found = _compare(manifest, folder / OUTPUTS, made)
     for name in sorted({name for step in steps for name in step.outputs} - {file.path for file in manifest.outputs}):
         found.different[name] = "was made, and is not in the archive"

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
-from occlog.records.columns import ColumnTable, check_order, column, first_row
+from occlog.records.columns import ColumnTable, column
 
 from .tracks import Tracks
 from .views import ViewTracks
@@ -56,23 +56,18 @@ class PeopleTracks(Tracks):
     Every command reads them as `Tracks`.
     """
 
-    existence_probability: Floats = column(
-        "f8", "1", "probability that the person is there", nan="not known", optional=True
-    )
-    height: Floats = column("f8", "m", "of the person", nan="not known", optional=True)
-    width: Floats = column("f8", "m", "of the person, seen from any side", nan="not known", optional=True)
-    sd_height: Floats = column("f8", "m", "standard deviation of the height", nan="not known", optional=True)
-    sd_width: Floats = column("f8", "m", "standard deviation of the width", nan="not known", optional=True)
+    existence_probability: Floats = column("probability that the person is there", nan="not known", optional=True)
+    height: Floats = column("of the person", "m", nan="not known", optional=True)
+    width: Floats = column("of the person, seen from any side", "m", nan="not known", optional=True)
+    sd_height: Floats = column("standard deviation of the height", "m", nan="not known", optional=True)
+    sd_width: Floats = column("standard deviation of the width", "m", nan="not known", optional=True)
     seen_by: Strings = column(
-        "U", "1", "cameras with a box that is more likely of this person than not, separated by commas", optional=True
+        "cameras with a box that is more likely of this person than not, separated by commas", optional=True
     )
     quality_flags: Strings = column(
-        "U",
-        "1",
         "why the row is not reliable, separated by commas; empty: no reason was found. `coasting` (no camera has a "
         "box of the person at this time: the position is predicted), `single_view` (one camera alone), "
-        "`possible_switch` (the "
-        "possible identity switch at this time; `events` has the other identity)",
+        "`possible_switch` (the possible identity switch at this time; `events` has the other identity)",
         optional=True,
     )
 
@@ -86,7 +81,7 @@ class JoinedTracks(PeopleTracks):
     """
 
     source_ids: Strings = column(
-        "U", "1", "identities in the inputs, in their order, separated by commas; `-`: not there", optional=True
+        "identities in the inputs, in their order, separated by commas; `-`: not there", optional=True
     )
 
 
@@ -101,8 +96,6 @@ class PeopleViews(ViewTracks):
     """
 
     visibility: Floats = column(
-        "f8",
-        "1",
         "probability that the person is visible, not occluded by other people or static occluders",
         nan="not known",
         optional=True,
@@ -120,21 +113,17 @@ class Associations(ColumnTable):
     NAME: ClassVar[str] = "associations"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor", "box")
 
-    t_ns: Ints = column("i8", "ns", "time of the row of `tracks` since the Unix epoch")
-    target_id: Ints32 = column("i4", "1", "identity of the track")
-    sensor: Strings = column("U", "1", "name of the camera in the scene")
-    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
-    box: Ints32 = column("i4", "1", "number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
-    probability: Floats = column("f8", "1", "that the box is of this person, above 0 and at most 1")
+    t_ns: Ints = column("time of the row of `tracks` since the Unix epoch", "ns")
+    target_id: Ints32 = column("identity of the track")
+    sensor: Strings = column("name of the camera in the scene")
+    frame: Ints = column("number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
+    probability: Floats = column("that the box is of this person, above 0 and at most 1")
 
     def check(self) -> None:
-        """InputError unless times are in order, and probabilities above 0 and at most 1."""
-        check_order(self)
-        if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
-            row = first_row(bad)
-            raise InputError(
-                f"Associations: row {row}: probability {self.probability[row]:g} must be above 0 and at most 1"
-            )
+        """InputError unless probabilities are above 0 and at most 1."""
+        bad = ~((self.probability > 0.0) & (self.probability <= 1.0))
+        self.refuse(bad, "probability {probability:g} must be above 0 and at most 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,20 +133,14 @@ class Events(ColumnTable):
     NAME: ClassVar[str] = "events"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
 
-    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
-    target_id: Ints32 = column("i4", "1", "identity of the track")
+    t_ns: Ints = column("time since the Unix epoch", "ns")
+    target_id: Ints32 = column("identity of the track")
     kind: Strings = column(
-        "U",
-        "1",
         "`initiated`, `terminated`, `possible_switch` (the identity may have been exchanged with another one) or "
-        "`reidentified` (this person of the gallery from here on)",
+        "`reidentified` (this person of the gallery from here on)"
     )
-    other_id: Ints32 = column(
-        "i4", "1", "possible_switch: the other identity, -1: of a person who has no track; else -1"
-    )
+    other_id: Ints32 = column("possible_switch: the other identity, -1: of a person who has no track; else -1")
     probability: Floats = column(
-        "f8",
-        "1",
         "initiated, terminated: existence probability; possible_switch: that the two were exchanged; reidentified: "
         "that it is this person",
         nan="not known",
@@ -182,11 +165,8 @@ class Events(ColumnTable):
         )
 
     def check(self) -> None:
-        """InputError unless times are in order, and kinds are among `KINDS`."""
-        check_order(self)
-        if (bad := ~np.isin(self.kind, KINDS)).any():
-            row = first_row(bad)
-            raise InputError(f"Events: row {row}: kind {self.kind[row]!r} must be {', '.join(KINDS)}")
+        """InputError unless kinds are among `KINDS`."""
+        self.refuse(~np.isin(self.kind, KINDS), f"kind {{kind!r}} must be one of {', '.join(KINDS)}")
 
 
 MAX_BINS = 256
@@ -206,62 +186,57 @@ class Gallery(ColumnTable):
     NAME: ClassVar[str] = "gallery"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "angle")
 
-    t_ns: Ints = column("i8", "ns", "time of the last frame that was learnt from, the same in all rows")
-    target_id: Ints32 = column("i4", "1", "identity of the target")
+    t_ns: Ints = column("time of the last frame that was learnt from, the same in all rows", "ns")
+    target_id: Ints32 = column("identity of the target")
     angle: Ints32 = column(
-        "i4",
-        "1",
-        "number n of the viewing angle: 1 the front, `angles` the back; (n - 1) pi / (angles - 1) to either side",
+        "number n of the viewing angle: 1 the front, `angles` the back; (n - 1) pi / (angles - 1) to either side"
     )
-    angles: Ints32 = column("i4", "1", "number N of viewing angles, at least 1; 1: all sides together")
-    bins: Ints32 = column("i4", "1", f"number m of colours, 2 to {MAX_BINS}")
-    samples: Ints32 = column("i4", "1", "boxes that were learnt from")
-    pixels: Ints = column("i8", "1", "pixels in them that count")
+    angles: Ints32 = column("number N of viewing angles, at least 1; 1: all sides together")
+    bins: Ints32 = column(f"number m of colours, 2 to {MAX_BINS}")
+    samples: Ints32 = column("boxes that were learnt from")
+    pixels: Ints = column("pixels in them that count")
     density: Floats = column(
-        "f8", "1", "share of the pixels of each colour, the first `bins` of them; 0 after these", width=MAX_BINS
+        "share of the pixels of each colour, the first `bins` of them; 0 after these", width=MAX_BINS
     )
 
     def check(self) -> None:
-        """InputError unless times are in order, angles and bins valid and equal in all rows, and densities sum to 1.
+        """InputError unless angles and bins are valid and equal in all rows, and densities sum to 1.
 
         Densities must be 0 beyond the bins, samples and pixels at least 1, and no target may have two rows of one
         angle.
         """
-        check_order(self)
         if not len(self):
             return
         for name in ("angles", "bins"):
             values: Ints32 = getattr(self, name)
-            if (bad := values != values[0]).any():
-                row = first_row(bad)
-                raise InputError(f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row")
+            self.refuse(
+                values != values[0],
+                f"{name} is {{{name}}}, but {values[0]} in the first row; it must be equal in all rows",
+            )
         if not 2 <= self.bins[0] <= MAX_BINS or self.angles[0] < 1:
             raise InputError(
-                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; expected 2 to {MAX_BINS} bins and 1 "
-                "angle or more"
+                f"Gallery: {self.bins[0]} bins of colour and {self.angles[0]} viewing angles; expected 2 to "
+                f"{MAX_BINS} bins and 1 angle or more"
             )
-        if (bad := (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles)).any():
-            row = first_row(bad)
-            raise InputError(
-                f"Gallery: row {row}: target_id {self.target_id[row]} must be at least 0, and angle {self.angle[row]} "
-                f"1 to {self.angles[row]}"
-            )
-        if (bad := (self.samples < 1) | (self.pixels < 1)).any():
-            row = first_row(bad)
-            raise InputError(
-                f"Gallery: row {row}: {self.samples[row]} samples and {self.pixels[row]} pixels; expected at "
-                "least 1 of each"
-            )
+        self.refuse(
+            (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles),
+            "target_id {target_id} must be at least 0, and angle {angle} from 1 to {angles} (angles)",
+        )
+        self.refuse(
+            (self.samples < 1) | (self.pixels < 1),
+            "learned from {samples} samples and {pixels} pixels; expected at least 1 of each",
+        )
         bad = (self.density < 0).any(axis=1) | (np.abs(self.density.sum(axis=1) - 1.0) > 1e-6)
         bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)
-        if bad.any():
-            raise InputError(
-                f"Gallery: row {first_row(bad)}: density is invalid; its values must be at least 0 with sum 1, "
-                "and 0 beyond the bins"
-            )
+        self.refuse(
+            bad,
+            "invalid density (colour histogram): its values must be at least 0 with sum 1, and 0 beyond the bins",
+        )
         pairs = np.column_stack([self.target_id, self.angle])
         if len(np.unique(pairs, axis=0)) < len(pairs):
-            raise InputError("Gallery: a target has two rows of one angle", id="duplicate-row")
+            raise InputError(
+                "Gallery: two rows have the same target_id and angle; keep one of them", id="duplicate-row"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,51 +246,40 @@ class AppearanceMatches(ColumnTable):
     NAME: ClassVar[str] = "appearance_matches"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "box", "target_id")
 
-    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
-    sensor: Strings = column("U", "1", "name of the camera in the scene")
-    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
-    box: Ints32 = column("i4", "1", "number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
-    track_id: Ints32 = column("i4", "1", "identity of the track that the box is of; -1 = none")
-    target_id: Ints32 = column("i4", "1", "identity in the gallery")
-    angle: Ints32 = column("i4", "1", "number of the viewing angle, 1 (front) to N (back); 0 = not known")
+    t_ns: Ints = column("time of the frame since the Unix epoch", "ns")
+    sensor: Strings = column("name of the camera in the scene")
+    frame: Ints = column("number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
+    track_id: Ints32 = column("identity of the track that the box is of; -1 = none")
+    target_id: Ints32 = column("identity in the gallery")
+    angle: Ints32 = column("number of the viewing angle, 1 (front) to N (back); 0 = not known")
     viewing_angle: Floats = column(
-        "f8", "rad", "between where the person heads and the camera, 0 (front) to pi (back)", nan="not known"
+        "between where the person heads and the camera, 0 (front) to pi (back)", "rad", nan="not known"
     )
-    pixels: Ints = column("i8", "1", "pixels of the box that count")
-    rho: Floats = column(
-        "f8", "1", "Bhattacharyya coefficient with the target seen from this side, 0 to 1", nan="suspended"
-    )
-    rho_corrected: Floats = column("f8", "1", "the same without its bias; noise may take it above 1", nan="suspended")
-    decision: Strings = column(
-        "U", "1", "`same`: the box is this target; `other`: it is not; `suspended`: nothing is decided"
-    )
+    pixels: Ints = column("pixels of the box that count")
+    rho: Floats = column("Bhattacharyya coefficient with the target seen from this side, 0 to 1", nan="suspended")
+    rho_corrected: Floats = column("the same without its bias; noise may take it above 1", nan="suspended")
+    decision: Strings = column("`same`: the box is this target; `other`: it is not; `suspended`: nothing is decided")
     reason: Strings = column(
-        "U",
-        "1",
         "why nothing is decided: `angle` (the gallery does not have the target from this side), `heading` (it is not "
-        "known where the person heads), `covered` (by another box), `pixels` (too few); else empty",
+        "known where the person heads), `covered` (by another box), `pixels` (too few); else empty"
     )
 
     def check(self) -> None:
-        """InputError unless times are in order, decisions known, and values match the decision.
+        """InputError unless decisions are known, and values match the decision.
 
         Rows with the decision `suspended` have a reason and NaN for `rho`; all others have no reason and `rho` from 0
         to 1.
         """
-        check_order(self)
-        if (bad := ~np.isin(self.decision, DECISIONS)).any():
-            row = first_row(bad)
-            raise InputError(
-                f"AppearanceMatches: row {row}: decision {self.decision[row]!r} must be one of {', '.join(DECISIONS)}"
-            )
+        unknown = ~np.isin(self.decision, DECISIONS)
+        self.refuse(unknown, f"decision {{decision!r}} must be one of {', '.join(DECISIONS)}")
         suspended = self.decision == SUSPENDED
         with np.errstate(invalid="ignore"):
             bad = (
                 (suspended != np.isnan(self.rho)) | (suspended != (self.reason != "")) | (self.rho < 0) | (self.rho > 1)
             )
-        if bad.any():
-            row = first_row(bad)
-            raise InputError(
-                f"AppearanceMatches: row {row}: rho {self.rho[row]:g} and reason {self.reason[row]!r} do not go with "
-                f"decision {self.decision[row]!r}"
-            )
+        self.refuse(
+            bad,
+            "decision {decision!r} with rho {rho:g} and reason {reason!r}; suspended: NaN and a reason, others: 0 to 1 "
+            "and none",
+        )

@@ -89,7 +89,7 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
         raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks", id="wrong-content")
     if found.in_images:
         raise InputError(
-            f"{run}: has tracks in images; two runs are shown side by side where tracks are on the ground",
+            f"{run}: has tracks in images; two runs can be shown side by side only with tracks on the ground",
             id="wrong-content",
         )
     return found
@@ -108,12 +108,12 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
     tracks = None if data is None else data.tracks
     if data is None or tracks is None or len(tracks) > MAX_ROWS:
         raise InputError(
-            f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MAX_ROWS:,} at most are "
-            "aligned with another; name runs of a part of the recording, or compare figures alone (occlog compare)",
+            f"{file}: has {rows if tracks is None else len(tracks):,} estimates, more than the {MAX_ROWS:,} that "
+            "can be aligned; name runs of shorter recordings, or use occlog compare",
             id="problem-too-large",
         )
     if not len(tracks):
-        raise InputError(f"{file}: holds no estimates, so that there is nothing to compare", id="empty-input")
+        raise InputError(f"{file}: holds no estimates, so there is nothing to compare", id="empty-input")
     return ReportRun(name, file, tracks, data)
 
 
@@ -145,8 +145,8 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
         truth = opened.read(Truth)
         if first is not None and not truth.same_rows(first[1]):
             raise InputError(
-                f"{path}: is another truth than that of {first[0]}: the runs are of different recordings; name two "
-                "runs of one recording, or give the truth of both",
+                f"{path}: differs from {first[0]}, the truth of the other run; name two runs of one recording, or "
+                f"give one truth for both ({option('truth')})",
                 id="disjoint-inputs",
             )
         first = first or (path, truth)
@@ -163,7 +163,7 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
     if request.output is None:
         raise UsageError("no output: give -o (the page)", id="missing-option")
     if request.png is not None:
-        raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out", id="not-applicable")
+        raise UsageError(f"{option('png')}: two runs are shown as a page only; leave it out", id="not-applicable")
     assert request.tracks is not None
     files, names = request.runs, names_of(request.tracks, request.other)
     config = configure(RunComparisonConfig(), request.settings)

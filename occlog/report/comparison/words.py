@@ -149,9 +149,8 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     tolerance = tolerance if config.divergence_distance is None else config.divergence_distance
     if near is None or tolerance is None:
         raise UsageError(
-            f"lengths are in {unit!r}: give {option('match_distance')}, the largest distance between matched "
-            "tracks, and "
-            f"{option('divergence_distance')}",
+            f"lengths are in {unit!r}: give {option('match_distance')}, the largest distance of matched tracks, "
+            f"and {option('divergence_distance')}, from which they diverge",
             id="missing-unit",
         )
     return near, tolerance

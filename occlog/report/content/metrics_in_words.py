@@ -18,7 +18,7 @@ from occlog.evaluate.metric_names import (
     SETTLED,
     SHARE,
     TARGETS,
-    Metric,
+    MetricDefinition,
 )
 from occlog.evaluate.mot.figures import INDEPENDENT_IDS
 
@@ -78,7 +78,7 @@ class MetricValue(NamedTuple):
     `subject` is the identity or name of that one.
     """
 
-    metric: Metric
+    metric: MetricDefinition
     unit: str  # in which the name ends, "" for none
     settled: bool
     kind: str  # "", "target", "sensor" or "box"
@@ -163,7 +163,7 @@ def _parse(key: str, value: Value, length_unit: str) -> MetricValue:
             if match := re.fullmatch(f"{metric.name}{SUBJECT}{ending}", plain):
                 kind = next((k for k in ("target", "sensor", "box") if match[k] is not None), "")
                 return MetricValue(metric, unit, settled, kind, match[kind] if kind else "", value)
-    return MetricValue(Metric("Other figures", key, key.replace("_", " ")), "", False, "", "", value)
+    return MetricValue(MetricDefinition("Other figures", key, key.replace("_", " ")), "", False, "", "", value)
 
 
 def _group(title: str, members: list[MetricValue], length_unit: str) -> MetricGroup:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.verdict import TrackProvenance
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -135,7 +135,8 @@ class ReportInput:
         """Raise InputError if there is neither a scene nor tracks to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError(
-                "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
+                f"report: neither a scene nor tracks are given; give at least one of them ({option('scene')}, TRACKS)",
+                id="missing-option",
             )
 
     @cached_property

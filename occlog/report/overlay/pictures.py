@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.open import open_input
 from occlog.io.recording.reader import McapRecording
@@ -334,7 +334,8 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
         if image is not None:
             return image
     raise InputError(
-        f"{recording.path}: no image of camera {name} can be decoded; leave it out (camera)", id="damaged-file"
+        f"{recording.path}: no image of camera {name} can be decoded; draw other cameras ({option('camera')})",
+        id="damaged-file",
     )
 
 

@@ -81,7 +81,7 @@ def _check(asked: OverlayRequest) -> None:
             f"no output: give {option('video')}, or {option('png')} with {option('frame')}", id="missing-option"
         )
     if asked.video is not None and asked.video.suffix.lower() not in SHOWN:
-        raise UsageError(f"{asked.video}: video can be {' or '.join(SHOWN)}; name it so")
+        raise UsageError(f"{asked.video}: a video can be {' or '.join(SHOWN)}; end its name in one of these")
 
 
 def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
@@ -91,7 +91,9 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}
         found = {name: path for name, path in found.items() if path.is_file()}
         if not found.keys() & {"view_tracks", "tracks"}:
-            raise InputError(f"{given}: holds no tracks, so it is not the folder of a finished run", id="wrong-content")
+            raise InputError(
+                f"{given}: holds no tracks, so it is not the folder of a finished run; name another", id="wrong-content"
+            )
         world = asked.ground_tracks or found.get("tracks")
         return replace(
             asked,
@@ -106,14 +108,20 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
 
 def _check_shown(asked: OverlayRequest, shown: int, png: bytes, pictures: Pictures) -> None:
     if asked.png is not None and not png:
-        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame {asked.frame}", id="disjoint-inputs")
+        raise InputError(
+            f"{asked.recording}: camera {pictures.first} has no frame {asked.frame} ({option('frame')})",
+            id="disjoint-inputs",
+        )
     if asked.video is not None and not shown:
         first, last = asked.frames or (0, 0)
-        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}", id="empty-input")
+        raise InputError(
+            f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last} ({option('frames')})",
+            id="empty-input",
+        )
     if asked.video is not None and pictures.strange():
         raise InputError(
-            f"{asked.tracks}: no row matches a frame of {asked.recording} in time and camera; "
-            "are these the tracks of this recording?",
+            f"{asked.tracks}: no row matches a frame of {asked.recording} in time and camera; give the recording "
+            "that these tracks are of",
             id="disjoint-inputs",
         )
 
@@ -129,7 +137,9 @@ def _summary(asked: OverlayRequest, names: list[str], shown: int, rate: float, p
 
 def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
     if not recording.cameras:
-        raise InputError(f"{recording.path}: holds no video to draw over", id="wrong-content")
+        raise InputError(
+            f"{recording.path}: holds no video to draw over; give a recording with video or images", id="wrong-content"
+        )
     for name in asked:
         if name not in recording.cameras:
             raise InputError(

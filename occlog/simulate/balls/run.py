@@ -59,7 +59,7 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
     try:
         return ball_paths(config, seed)
     except InputError as error:
-        raise UsageError(f"{option('scene')} {error}") from None
+        raise UsageError(f"{option('scene')} {error}") from error
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:

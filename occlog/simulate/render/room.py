@@ -200,7 +200,7 @@ def blank(camera: Camera, n_lights: int) -> Background:
     ValueError for a camera without image size.
     """
     if camera.image_size is None:
-        raise ValueError(f"camera {camera.name} has no image size")
+        raise ValueError(f"camera {camera.name} has no image size; give image_size_px in the scene")
     width, height = camera.image_size
     out = Background(
         colour=np.zeros((height, width, 3), np.float32),

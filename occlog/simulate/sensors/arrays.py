@@ -290,7 +290,8 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
     """
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
-            f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z",
+            f"microphone array {array.name} is tilted and hears a target of unknown height; give "
+            "targets a z, or set pitch_deg and roll_deg to 0",
             id="missing-value",
         )
 

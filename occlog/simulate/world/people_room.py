@@ -115,8 +115,8 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         if len(kept) == people:
             return positions[kept]
     raise InputError(
-        f"people: no positions of {people} people without occlusions in {len(scene.cameras)} cameras; "
-        "take fewer of either, or let them overlap in the first frame",
+        f"people: no positions of {people} people without occlusions in {len(scene.cameras)} "
+        "cameras; take fewer people or cameras, or let them overlap in the first frame",
         id="no-room",
     )
 

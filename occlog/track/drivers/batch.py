@@ -111,7 +111,11 @@ def track_batch(
             yield from given
     if not met:
         if not unlabelled:
-            raise InputError("bearings: no row is of the chosen targets and sensors; choose others", id="empty-input")
+            raise InputError(
+                "bearings: no row is of the chosen targets and sensors; choose others "
+                f"({option('target')}, {option('cameras')}, {option('without')})",
+                id="empty-input",
+            )
         raise InputError(
             f"bearings: none of {unlabelled} candidates has a label; this method requires labelled bearings: "
             "label them "

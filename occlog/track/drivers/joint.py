@@ -51,8 +51,8 @@ def track_joint(
     seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
     if asking and len(seeing) < 2:
         raise UsageError(
-            f"{option('cooperate')} {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} in use "
-            "have one",
+            f"{option('cooperate')} {','.join(sorted(asking))} requires two cameras with a pose; "
+            f"{len(seeing)} in use have one: calibrate or add cameras, or leave it out",
             id="too-few-sensors",
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
@@ -159,12 +159,13 @@ def track_joint_objects(
     """
     if occluders is not None:
         raise UsageError(
-            f"occluders: method {tracking.method} tracks the people who hide others itself; leave it out",
+            f"{option('occluders')}: method {tracking.method} tracks the people who hide others "
+            "itself; leave occluders out",
             id="not-applicable",
         )
     if tracking.selection is not None:
         raise UsageError(
-            f"select: method {tracking.method} cannot predict where one target will be; leave it out",
+            f"{option('select')}: method {tracking.method} cannot predict where one target will be; leave select out",
             id="not-applicable",
         )
     names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)

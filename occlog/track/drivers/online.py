@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator
 import numpy as np
 
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.errors import UsageError
+from occlog.errors import UsageError, option
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.scans.distance_measurements import DistanceMeasurementFeed
@@ -106,7 +106,7 @@ def _selector(
         return None
     if method.prediction is None:
         raise UsageError(
-            f"select: method {tracking.method} cannot predict where the target will be; leave the selection out",
+            f"{option('select')}: method {tracking.method} cannot predict where the target will be; leave select out",
             id="not-applicable",
         )
     usable = frozenset(tracking.rows(scene).sensors)

@@ -8,7 +8,7 @@ from typing import cast
 from occlog.consistency.bearings import BearingBuffer
 from occlog.consistency.estimates import QualityFlags, SensorDisagreement
 from occlog.consistency.labels import MotionCheck, flag_labels
-from occlog.errors import UsageError
+from occlog.errors import UsageError, option
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.scans.distance_measurements import DistanceMeasurementFeed
@@ -63,12 +63,14 @@ def track(
     takes = isinstance(method, Online | Batch) and method.measured
     if measured is not None and not takes:
         raise UsageError(
-            f"measurements: method {tracking.method} takes directions alone; use apf, ekf, ukf or map",
+            f"{option('measurements')}: method {tracking.method} takes no ranges, signal "
+            "strengths or time differences; use apf, ekf, ukf, map or fix",
             id="not-applicable",
         )
     if measured is not None and tracking.selection is not None:
         raise UsageError(
-            "select: cameras cannot be selected with measurements of stations; leave select or the measurements out",
+            f"{option('select')}: cameras cannot be selected with ranges, signal strengths or "
+            "time differences; leave select or the measurements out",
             id="not-applicable",
         )
     started = not isinstance(method, Joint) and method.started(tracking.config)

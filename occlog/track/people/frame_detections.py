@@ -119,9 +119,9 @@ class RegionFrameTimes(ColumnTable):
     VERSION: ClassVar[int] = Views.VERSION
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor")
 
-    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
-    sensor: Strings = column("U", "1", "name of the camera in the scene")
-    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    t_ns: Ints = column("time of the frame since the Unix epoch", "ns")
+    sensor: Strings = column("name of the camera in the scene")
+    frame: Ints = column("number of the frame in the camera's stream, from 0")
 
 
 @dataclass

@@ -19,7 +19,7 @@ from occlog.track.methods.jipda.interface import NO_ID
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.methods.sort.filter import FrameTracks, SortFilter
 from occlog.track.methods.sort.kernels.boxes import visible_shares
-from occlog.track.methods.sort.linking import Boxes, Doubt, SmoothedTrack, linked, smoothed_track
+from occlog.track.methods.sort.linking import Doubt, SmoothedTrack, TrackBoxes, linked, smoothed_track
 
 from .frame_detections import FrameDetectionsWithIds
 from .rows import image_rows
@@ -144,7 +144,7 @@ class CameraTracks:
         for key, box in zip(found.keys.tolist(), found.of_keys.tolist(), strict=True):
             self._boxes[key].append((index, each.detections.boxes[box], each.detections.appearance[box]))
 
-    def smoothed(self) -> tuple[list[tuple[Boxes, SmoothedTrack]], list[Doubt]]:
+    def smoothed(self) -> tuple[list[tuple[TrackBoxes, SmoothedTrack]], list[Doubt]]:
         """Return the camera's linked and smoothed tracks, and the ambiguous links between their fragments.
 
         Each track is given with its boxes; only confirmed tracks are used.
@@ -160,7 +160,7 @@ class CameraTracks:
         return [(each, smoothed_track(each, times, self.config)) for each in found], doubts
 
 
-def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
+def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> TrackBoxes:
     """Return the boxes of one track as columns.
 
     `kept` are (frame index, box (4,), appearance) of each frame; appearances of another length than the longest become
@@ -169,7 +169,7 @@ def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
     frame, boxes, appearance = zip(*kept, strict=True)
     length = max(len(each) for each in appearance)
     nothing = np.full(length, np.nan)
-    return Boxes(
+    return TrackBoxes(
         frame=np.array(frame, dtype=np.int64),
         boxes=np.array(boxes),
         appearance=np.array([each if len(each) == length else nothing for each in appearance]),

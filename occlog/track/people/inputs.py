@@ -15,13 +15,13 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
-from occlog.scans.clocks import ClockChange, applied_clocks, clock_changes, clocks_of, with_applied_clocks
+from occlog.scans.clocks import ClockCorrection, applied_clocks, clock_changes, clocks_of, with_applied_clocks
 from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
@@ -187,7 +187,7 @@ class PeopleInput:
         self._known = applied is not None
 
     @property
-    def clock_changes(self) -> dict[int, ClockChange]:
+    def clock_changes(self) -> dict[int, ClockCorrection]:
         """Differences between the scene's clocks and those already applied to the input's times, by camera index.
 
         Empty if the applied ones are unknown.
@@ -454,7 +454,10 @@ class ImageInput(PeopleInput):
         self._doa = None
         self.cameras = tuple(self._chosen())
         if not self.cameras:
-            raise UsageError("no camera is left to track in; use at least one", id="too-few-sensors")
+            raise UsageError(
+                f"no camera is left to track in; exclude fewer ({option('without')}), or give a scene with cameras",
+                id="too-few-sensors",
+            )
         self.sources, self.views = (), self.cameras
         self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers = {}
@@ -469,7 +472,10 @@ class ImageInput(PeopleInput):
         rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
         names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
         if not names:
-            raise InputError(f"{self.request.bearings}: holds no boxes", id="empty-input")
+            raise InputError(
+                f"{self.request.bearings}: holds no boxes; give boxes of people (`occlog ingest` or `occlog detect`)",
+                id="empty-input",
+            )
         pose = np.zeros(3), np.eye(3), np.ones(2), np.zeros(2)
         return Scene(tuple(Camera(name, *pose, placed=False) for name in names))
 

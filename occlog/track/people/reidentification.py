@@ -422,8 +422,8 @@ def _images(inputs: PeopleInput) -> Opened | None:
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
-        f"{inputs.request.bearings}: a gallery needs appearance, and there are no images, and the boxes have no "
-        f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`",
+        f"{inputs.request.bearings}: a gallery needs images, or colours of boxes; give the recording with the video "
+        f"as {option('scene')}, or views of `occlog detect`",
         id="wrong-content",
     )
 

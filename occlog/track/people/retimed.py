@@ -5,13 +5,13 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator, Mapping
 
-from occlog.scans.clocks import ClockChange
+from occlog.scans.clocks import ClockCorrection
 
 from .frame_detections import FrameDetectionsWithIds
 
 
 def retimed(
-    frames: Iterator[FrameDetectionsWithIds], changes: Mapping[int, ClockChange], count: int
+    frames: Iterator[FrameDetectionsWithIds], changes: Mapping[int, ClockCorrection], count: int
 ) -> Iterator[FrameDetectionsWithIds]:
     """Generate frames at corrected times, sorted by these.
 

@@ -70,7 +70,8 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
                 )
         if not trackers.cameras:
             raise InputError(
-                f"{request.bearings}: no camera is left to track in; use at least one", id="too-few-sensors"
+                f"{request.bearings}: no camera is left to track in; exclude fewer ({option('without')})",
+                id="too-few-sensors",
             )
         empty = () if trackers.numbers else (finding(FOUND, "no-tracks"),)
         tables.annotate(job.judged(provenance, outcome(FOUND, empty, people=len(trackers.numbers))))
@@ -87,5 +88,8 @@ def _plugin(method: str) -> Plugin:
     """Return the plug-in that the method is from; UsageError for a method of another kind."""
     plugin = METHODS[method].plugin
     if plugin is None:
-        raise UsageError(f"method {method} is no tracker of one camera", id="not-applicable")
+        raise UsageError(
+            f"method {method} is not a plug-in that tracks in the images of one camera; use one, or method sort",
+            id="not-applicable",
+        )
     return plugin

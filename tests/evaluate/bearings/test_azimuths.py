@@ -174,7 +174,7 @@ def test_what_was_lost_in_making_directions_is_reported(tmp_path: Path, capsys: 
     [
         ([], 2, "give them with --doa"),
         (["--doa", "no.parquet"], 4, "no such file"),
-        (["tracks.parquet", "--doa", "doa.parquet"], 2, "nothing else to compare"),
+        (["tracks.parquet", "--doa", "doa.parquet"], 2, "is compared with --doa alone"),
     ],
 )
 def test_faults_are_one_line(

@@ -127,5 +127,5 @@ def test_no_views_at_all() -> None:
 
 
 def test_tables_of_different_recordings() -> None:
-    with pytest.raises(InputError, match=r"none of their frames .*cam at .* has true boxes"):
+    with pytest.raises(InputError, match=r"no frame of theirs .*cam at .* has true boxes"):
         figures(views([0], [(0, 0, 20, 50)]), true_boxes([7], [(0, 0, 20, 50)]))

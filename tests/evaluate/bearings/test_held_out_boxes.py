@@ -119,7 +119,7 @@ def test_a_track_without_a_height_is_of_a_person_of_ordinary_height() -> None:
 
 
 def test_a_camera_that_is_not_there_is_named() -> None:
-    with pytest.raises(InputError, match="'north' is not in the scene"):
+    with pytest.raises(InputError, match="north: no camera of this name with a pose is in the scene"):
         held_out_box_metrics(tracks((1, 1)), boxes([(10.0, 1.0)]), SCENE, EvaluateConfig(held_out=("north",)))
     with pytest.raises(InputError, match="no row of the held-out camera 'west'"):
         held_out_box_metrics(tracks((1, 1)), boxes([(10.0, 1.0)]), SCENE, EvaluateConfig(held_out=("west",)))

@@ -195,7 +195,7 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.Capt
     truth = ("--truth", str(a / "truth.parquet"))
     (tmp_path / "empty").mkdir()
     for paths, more, code, words in (
-        ((a,), truth, ExitCode.USAGE, "name two methods at least"),
+        ((a,), truth, ExitCode.USAGE, "name at least two methods"),
         ((a, b), (), ExitCode.USAGE, "give --truth"),
         ((a, tmp_path / "empty"), truth, ExitCode.BAD_INPUT, "holds no tracks.parquet"),
         ((a, tmp_path / "none.parquet"), truth, ExitCode.BAD_INPUT, "no such file"),
@@ -215,7 +215,7 @@ def test_truths_of_two_methods_must_have_the_same_rows(tmp_path: Path, capsys: p
         folder = write(tmp_path / name, seed, frames=30, tracker=tracker)
         (folder / "truth.parquet").rename(folder / "recording.mcap")
     assert compared(tmp_path / "a", tmp_path / "b") == ExitCode.BAD_INPUT
-    assert "is not the truth of" in capsys.readouterr().err
+    assert "the truth of the first method" in capsys.readouterr().err
     lost = Provenance("simulate", losses=(Loss("cam", "frame 3", "gone", 1),))
     again = tmp_path / "again.parquet"
     write_table(again, read_table(tmp_path / "c/recording.mcap", Truth), lost)

@@ -21,7 +21,7 @@ def test_two_runs_of_one_last_name_do_not_get_the_same_truth(tmp_path: Path) -> 
     """Both were compared with the truth of one of them."""
     runs = files(tmp_path / "runs", "a/run1/tracks.parquet", "b/run1/tracks.parquet")
     truth = files(tmp_path / "truth", "run1.mcap")
-    with pytest.raises(InputError, match=r"run1.mcap: would be the truth of the runs a/run1 and b/run1; put"):
+    with pytest.raises(InputError, match=r"run1.mcap: is the truth of both runs a/run1 and b/run1; give each"):
         runs_of(runs, truth)
     files(truth, "a/run1.mcap", "b/run1.mcap")
     found = runs_of(runs, truth)
@@ -37,5 +37,5 @@ def test_two_truths_of_one_name_are_refused(tmp_path: Path) -> None:
     truth = files(tmp_path / "truth", "run1.mcap", "run1.avi")
     assert runs_of(runs, truth)["run1"].truth == truth / "run1.mcap"
     files(truth, "run1.csv")
-    with pytest.raises(InputError, match=r"run1.csv and run1.mcap are both named as the run run1; keep one"):
+    with pytest.raises(InputError, match=r"run1.csv and run1.mcap could both be the truth of the run run1; keep one"):
         runs_of(runs, truth)

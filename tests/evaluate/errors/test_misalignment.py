@@ -15,7 +15,7 @@ from occlog.cli.main import run
 from occlog.evaluate.errors.misalignment import (
     MAX_WINDOWS,
     DelaySums,
-    Positions,
+    PositionSamples,
     TruthAlignment,
     alternative,
     velocities,
@@ -125,9 +125,9 @@ def test_targets_that_stand_still_have_no_delay() -> None:
     assert [check.status for check in sums.checks("m")] == ["not applicable"]
 
 
-def positions(seed: int = 0, people: int = 4) -> Positions:
+def positions(seed: int = 0, people: int = 4) -> PositionSamples:
     t, xy = walks(seed, people)
-    return Positions(np.repeat(t, people), xy.transpose(1, 0, 2).reshape(-1, 2))
+    return PositionSamples(np.repeat(t, people), xy.transpose(1, 0, 2).reshape(-1, 2))
 
 
 def turned(degrees: float, xy: np.ndarray) -> np.ndarray:
@@ -157,7 +157,7 @@ WORDS = {
 def test_each_change_is_named(id: str, seed: int) -> None:
     truth = positions(seed)
     rng = np.random.default_rng(seed)
-    tracks = CHANGES[id](Positions(truth.t, truth.xy + rng.normal(0.0, 0.05, truth.xy.shape)))
+    tracks = CHANGES[id](PositionSamples(truth.t, truth.xy + rng.normal(0.0, 0.05, truth.xy.shape)))
     found = alternative(tracks, truth, 1.0)
     assert found is not None
     best, now, gate = found
@@ -170,7 +170,7 @@ def test_each_change_is_named(id: str, seed: int) -> None:
 
 def test_a_shift_in_a_crowd_is_named_though_somebody_is_within_the_gate_anyway() -> None:
     truth = positions(0, people=40)
-    tracks = Positions(truth.t + 0.8, truth.xy + np.random.default_rng(0).normal(0.0, 0.05, truth.xy.shape))
+    tracks = PositionSamples(truth.t + 0.8, truth.xy + np.random.default_rng(0).normal(0.0, 0.05, truth.xy.shape))
     found = alternative(tracks, truth, 1.0)
     assert found is not None
     best, now, gate = found
@@ -225,7 +225,7 @@ def test_clocks_since_other_dates_are_aligned() -> None:
 
 def test_a_turned_and_moved_world_is_found() -> None:
     truth = positions(2)
-    found = alternative(Positions(truth.t, turned(-37.0, truth.xy - [3.0, -2.0])), truth, 1.0)
+    found = alternative(PositionSamples(truth.t, turned(-37.0, truth.xy - [3.0, -2.0])), truth, 1.0)
     assert found is not None
     assert found[0].id == "axes-differ"
     assert "turned by 37 degrees and moved by (" in found[0].change
@@ -253,7 +253,7 @@ def test_people_of_another_recording_are_no_change_of_this_one(seed: int) -> Non
 
 
 def test_without_positions_nothing_is_tried() -> None:
-    none = Positions(np.zeros(0), np.zeros((0, 2)))
+    none = PositionSamples(np.zeros(0), np.zeros((0, 2)))
     assert alternative(none, positions(), 1.0) is None
     assert alternative(positions(), none, 1.0) is None
 

@@ -231,7 +231,7 @@ def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:
     ("config", "words"),
     [
         (MultiTargetConfig(cameras=("z",)), "truth: no rows of camera z; choose with --camera: a, b"),
-        (MultiTargetConfig(frames=(50, 60)), "truth: no row in frames 50:60; they are 0 to 9"),
+        (MultiTargetConfig(frames=(50, 60)), "truth: no row in frames 50:60 of --frames; its frames are 0 to 9"),
     ],
 )
 def test_nothing_that_was_asked_for(config: MultiTargetConfig, words: str) -> None:

@@ -98,7 +98,7 @@ def test_a_row_for_each_recording_and_one_of_all(capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["a.txt", "--truth", "gt_a.txt", "--also", "b.parquet", "b.mcap"], "cannot be put together"),
+        (["a.txt", "--truth", "gt_a.txt", "--also", "b.parquet", "b.mcap"], "separately"),
         (
             ["a.txt", "--truth", "gt_a.txt", "--also", "b.txt", "gt_b.txt", "--mot", "d"],
             "--mot applies to one recording",

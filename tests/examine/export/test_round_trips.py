@@ -259,7 +259,7 @@ def geojson(**changes: object) -> str:
         (geojson(features=[FEATURE | {"geometry": {"type": "Polygon"}}]), "feature 1: its geometry is 'Polygon'"),
         (
             geojson(features=[FEATURE | {"properties": {"target_id": 1, "t_ns": [0, 1]}}]),
-            "one for each of its 1 corners",
+            "one for each of its 1 positions",
         ),
         (geojson(features=[FEATURE | {"properties": {"t_ns": [0]}}]), "has no whole number target_id"),
         (geojson()[:-3], "not valid JSON: Expecting"),

@@ -56,6 +56,16 @@ def test_slopes_are_those_of_finite_differences_and_curvatures_are_not_below_zer
     np.testing.assert_allclose(reported.direct, inlier_probability(u, own))
 
 
+@pytest.mark.parametrize("rate", [0.2, 1.5])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_information_of_a_component_is_its_curvature(rate: float, sign: float) -> None:
+    """Late signals alone, and early ones alone, which mirror them."""
+    u, step = sign * np.linspace(-4.0, 8.0, 100)[:, None], 1e-4
+    own = errors(1.0, 0.0, rate) if sign > 0.0 else errors(0.0, 1.0, rate)
+    low, middle, high = (log_density(u + d, own) for d in (-step, 0.0, step))
+    np.testing.assert_allclose(score_and_information(u, own).weight, (2.0 * middle - low - high) / step**2, atol=1e-6)
+
+
 def test_a_late_signal_is_not_false_and_an_early_one_is() -> None:
     own = errors(0.05, 0.0, 0.1, 3.7)
     assert inlier_probability(np.array([8.0]), own)[0] < 1e-3

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from occlog.core.geometry.path_loss import log_distance, received_power
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
@@ -85,15 +84,6 @@ def test_at_the_bend_a_value_is_as_likely_false_as_true() -> None:
     assert inlier_probability(np.array([3.6]), own)[0] > 0.5 > inlier_probability(np.array([3.8]), own)[0]
     far = rows()._replace(value=np.array([1e3, 1e3, 1e3]))
     np.testing.assert_allclose(*log_likelihood(far, np.array([[1.0, 2.0], [5.0, 5.0]])), rtol=1e-12)
-
-
-def test_a_strength_says_the_distance_that_it_comes_from() -> None:
-    metres = np.array([0.5, 3.0, 20.0])
-    value, sigma = log_distance(received_power(-55.0, 1.8, metres), np.full(3, 4.0), np.full(3, -55.0), 1.8)
-    np.testing.assert_allclose(np.exp(value), metres, rtol=1e-12)
-    # One standard deviation less in strength is one more in the logarithm
-    weaker, _ = log_distance(received_power(-55.0, 1.8, metres) - 4.0, np.full(3, 4.0), np.full(3, -55.0), 1.8)
-    np.testing.assert_allclose(weaker - value, sigma, rtol=1e-12)
 
 
 def test_sets_are_joined_and_none_has_the_likelihood_one() -> None:

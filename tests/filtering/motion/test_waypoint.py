@@ -36,7 +36,6 @@ def run(n, motion, dt, steps, rng, waiting=0.0, **start):
     return p
 
 
-@pytest.mark.jit
 def test_a_step_towards_the_destination_has_the_moments_of_equation_5():
     n = 200_000
     rng = np.random.default_rng(0)

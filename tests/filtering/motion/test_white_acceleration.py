@@ -14,6 +14,7 @@ from occlog.filtering.motion.white_acceleration import (
     known_jump,
     motion_noise,
     moved,
+    moved_back,
     turn_jump,
 )
 
@@ -64,6 +65,13 @@ def test_a_turn_is_that_of_the_plane_about_the_chosen_axes(lateral: float) -> No
     np.testing.assert_allclose(got[[2, 5, 0, 3]].T, move(rows, model, dt, np.zeros((2, 2)), np.zeros_like(rows)))
     np.testing.assert_allclose(got[[1, 4]], [start[1] + dt * start[4], start[4]])
     np.testing.assert_array_equal(got[:, 0], start[:, 0])
+
+
+@pytest.mark.parametrize(("acceleration", "turn"), [((1.0, -2.0, 0.5), 0.0), ((0.0, 0.0, 0.0), -0.7)])
+def test_a_step_without_noise_is_undone_by_the_step_back(acceleration: tuple[float, ...], turn: float) -> None:
+    rng, dt = np.random.default_rng(3), 1.3
+    start, motion = cloud(rng, 9), AccelerationModel(np.array(acceleration), np.zeros(3), turn, (2, 0))
+    np.testing.assert_allclose(moved_back(moved(start, motion, dt, rng), motion, dt), start, atol=1e-12)
 
 
 def test_the_change_by_a_turn_of_a_known_velocity() -> None:

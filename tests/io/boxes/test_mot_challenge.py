@@ -13,7 +13,7 @@ from occlog.errors import InputError, OutputError, OutputExistsError
 from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import (
     MotSequence,
-    SequenceInfo,
+    WrittenSequence,
     write_layout,
     write_mot,
     write_sequence,
@@ -23,7 +23,7 @@ from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, surv
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
 
-INFO = SequenceInfo("walk", 20, 25.0, 640, 480)
+INFO = WrittenSequence("walk", 20, 25.0, 640, 480)
 
 
 def table(seed: int = 0, kind: type[Boxes] = Boxes, frames: int = 12) -> Boxes:
@@ -159,7 +159,7 @@ def boxes(kind: type[Boxes], left: float = 1.5) -> Boxes:
 
 
 def sequence(name: str = "east", left: float = 1.5) -> MotSequence:
-    info = SequenceInfo(name, 2, 25.0, 320, 240)
+    info = WrittenSequence(name, 2, 25.0, 320, 240)
     return MotSequence(info, boxes(TruthBoxes), boxes(Boxes, left))  # type: ignore[arg-type]
 
 

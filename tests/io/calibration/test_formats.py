@@ -345,7 +345,9 @@ def test_the_matrix_of_opencv_storage_under_the_names_in_use(tmp_path: Path, key
 
 def test_a_matrix_under_another_name_is_reported_of_with_those_that_are_known(tmp_path: Path) -> None:
     (tmp_path / "left.yml").write_text(STORAGE.replace("camera_matrix:", "lens:"))
-    with pytest.raises(InputError, match=r"if this file has both, call its matrix camera_matrix, .* mtx, "):
+    with pytest.raises(
+        InputError, match=r"if this file has both, rename its keys: camera matrix camera_matrix, .* mtx, "
+    ):
         read_calibration([tmp_path / "left.yml"])
 
 
@@ -396,7 +398,7 @@ FAULTS = [
     ("a.toml", TOML.replace("0.1, -0.05", "1e90, 0.5"), "has no inverse there"),
     ("a.toml", TOML + TOML.replace("[cam1]", "[cam2]"), "two cameras are named 'left'"),
     ("a.txt", "1 2 3 4\n5 6 7 8\n", "not a calibration of a known format"),
-    ("a.txt", "1 2 3 4\n5 6 7 8\n2 4 6 8\n", "be at infinity"),
+    ("a.txt", "1 2 3 4\n5 6 7 8\n2 4 6 8\n", "camera at infinity"),
     ("a.txt", "", "is empty"),
     ("a.xml", "<Camera name='x'><Geometry/><Intrinsic kappa1='1'", "not XML"),
     ("a.xml", "<Camera name='x'><Geometry/><Intrinsic kappa1='1'/></Camera>", "<Extrinsic> is missing"),

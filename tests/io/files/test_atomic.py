@@ -68,7 +68,7 @@ def test_existing_output_is_refused(tmp_path: Path) -> None:
 
 def test_output_that_appears_meanwhile_is_not_lost(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
-    with pytest.raises(OutputExistsError, match="meanwhile"), atomic.open_output(path) as file:
+    with pytest.raises(OutputExistsError, match="during this run"), atomic.open_output(path) as file:
         file.write(b"ours")
         path.write_bytes(b"theirs")
     assert path.read_bytes() == b"theirs"

@@ -74,7 +74,11 @@ def test_units_that_cannot_be_are_refused(units: str, words: str) -> None:
     ("units", "code", "words"),
     [
         ("sigma_deg=rad,azimuth=deg", ExitCode.USAGE, "column sigma_deg is in deg by its name"),
-        ("azimuth=cm", ExitCode.BAD_INPUT, "column azimuth cannot be in cm; units of angles are deg, rad"),
+        (
+            "azimuth=cm",
+            ExitCode.BAD_INPUT,
+            "column azimuth cannot be in cm, as --input-units states; units of angles are deg, rad",
+        ),
         ("deg,azimut=deg", ExitCode.USAGE, "--input-units azimut=deg: no table that was read has such a column"),
         ("deg,cm", ExitCode.USAGE, "--input-units cm: no table"),
         ("deg,other.csv:cm", ExitCode.USAGE, "--input-units other.csv:cm: no table"),

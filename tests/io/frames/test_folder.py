@@ -47,7 +47,7 @@ def test_a_sidecar_gives_one_time_an_image(tmp_path: Path) -> None:
     path = folder(tmp_path, "a", "x.png", "y.png")
     found = read_folders({"a": path}, {"a": (np.array([5, 9]), "ts.csv")}, {}, {})["a"]
     assert found.times.at(np.array([1])).tolist() == [9]
-    with pytest.raises(InputError, match=r"2 images, but ts\.csv gives 3 times"):
+    with pytest.raises(InputError, match=r"2 images, but ts\.csv has 3 times"):
         read_folders({"a": path}, {"a": (np.array([5, 9, 11]), "ts.csv")}, {}, {})
 
 
@@ -56,7 +56,7 @@ def test_faults_of_folders(tmp_path: Path) -> None:
         read_folders({"a": tmp_path / "none"}, {}, RATE, {})
     with pytest.raises(InputError, match="holds no image"):
         read_folders({"a": folder(tmp_path, "empty")}, {}, RATE, {})
-    with pytest.raises(InputError, match="is not a folder"):
+    with pytest.raises(InputError, match="is a file; a folder of images"):
         read_folders({"a": tmp_path / "empty" / "notes.txt"}, {}, RATE, {})
     path = folder(tmp_path, "a", "one.png")
     with pytest.raises(InputError, match="has no number in its name"):

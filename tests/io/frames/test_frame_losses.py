@@ -63,7 +63,7 @@ def test_pictures_that_go_back_have_no_place() -> None:
 
 
 def test_without_a_frame_of_the_range_there_is_an_error() -> None:
-    with pytest.raises(InputError, match="frames from 10 on are requested, but the video has only 10"):
+    with pytest.raises(InputError, match="frames from 10 on are requested, but it has only 10"):
         delivered([], 10, start=10).check_any()
     with pytest.raises(InputError, match="not one of the requested frames"):
         delivered([], 10, start=9).check_any()

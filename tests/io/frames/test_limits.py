@@ -125,7 +125,7 @@ def test_lists_that_name_other_files_are_not_opened(segment: Path, name: str, te
     if name == "list.mp4":  # without the list of containers it is
         assert cv2.VideoCapture(str(path), cv2.CAP_FFMPEG).isOpened()
     with (
-        pytest.raises(InputError, match=r"list\.\w+: not a video file that can be read"),
+        pytest.raises(InputError, match=r"list\.\w+: not a video file that FFmpeg can read"),
         start_decoder(video_job(path)),
     ):
         pass

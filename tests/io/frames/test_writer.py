@@ -24,7 +24,7 @@ def test_what_is_written_is_read_again_bit_by_bit(tmp_path):
 
 def test_nothing_is_left_after_an_error_and_nothing_is_overwritten(tmp_path):
     path = tmp_path / "v.avi"
-    with pytest.raises(ValueError, match="does not fit"), LosslessVideo(path, (64, 48), 5.0) as video:
+    with pytest.raises(ValueError, match="of shape"), LosslessVideo(path, (64, 48), 5.0) as video:
         video.write(images(1, 40)[0])
     assert list(tmp_path.iterdir()) == []
     path.write_bytes(b"mine")

@@ -98,6 +98,7 @@ def test_parquet_has_the_same_columns(tmp_path: Path) -> None:
         ("x,y\n1,2\n", "neither a column of times"),
         ("t_ns,x,y\n", "positions"),
         ("1 2 3 4 5\n", "5 columns without a header"),
+        ("frame,x,y\n1,1,2\n999999999,1,2\n", "frames 1 to 999999999 have 2 rows: more than 1000000 without one"),
     ],
 )
 def test_faults_are_named(tmp_path: Path, text: str, what: str) -> None:

@@ -88,7 +88,7 @@ def test_what_the_documentation_shows_is_read() -> None:
         (target("silent: [[2, 2]]"), r"target 3: silent: \[2, 2\] must go from an earlier time to a later one"),
         (target("silent: [[2]]"), "silent.0.: expected `array` of length 2"),
         (target("segments: [{lateral: 1, acceleration: [1, 1]}]"), r"segments\[0\]: both lateral and acceleration"),
-        (target("segments: [{plane: xy}]"), "plane applies to a turn; give lateral too"),
+        (target("segments: [{plane: xy}]"), "plane is only for a turn; give its acceleration"),
         (target("segments: [{plane: zx, lateral: 1}]"), "the plane zx needs a target with a height"),
         (target("segments: [{plane: yx, lateral: 1}]"), "plane: 'yx' is none of "),
         (target("segments: [{acceleration: [1, 1, 1]}]"), r"segments\[0\]: acceleration: has 3 numbers"),

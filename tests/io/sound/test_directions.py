@@ -81,7 +81,7 @@ def test_a_unit_that_is_not_stated_is_asked_for(tmp_path: Path) -> None:
         ("sensor,azimuth_deg\na1,1\n", "has no column of times"),
         ("time,azimuth_deg\n0,1\n", "has no column sensor"),
         ("time,sensor,azimut_deg\n0,a1,1\n", "has no column of azimuths"),
-        ("time,sensor,azimuth_deg,azimuth_rad\n0,a1,1,1\n", "two columns are called azimuth"),
+        ("time,sensor,azimuth_deg,azimuth_rad\n0,a1,1,1\n", "columns azimuth_deg and azimuth_rad both state"),
     ],
 )
 def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
@@ -212,7 +212,7 @@ def test_frida_needs_an_array_and_an_algorithm(shared_data: Path) -> None:
         read(path, sensor="a1")
     with pytest.raises(UsageError, match=r"give it as ARRAY=doa_estimates\.csv"):
         read(path, algorithm="FRI")
-    with pytest.raises(UsageError, match="has no algorithm 'XYZ'; it has FRI"):
+    with pytest.raises(UsageError, match=r"has no algorithm 'XYZ' \(--doa-algorithm\); choose one of FRI"):
         read(path, sensor="a1", algorithm="XYZ")
 
 

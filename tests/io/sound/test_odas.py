@@ -85,9 +85,9 @@ def test_an_object_that_the_end_cuts_off_is_a_loss(tmp_path: Path) -> None:
     ("text", "message"),
     [
         (hop(1, source(1, 1, 0, 0).replace("1.000", "nan", 1)), "line 1: not an object of ODAS"),
-        ("{}", "line 1: timeStamp is None; a count of hops"),
+        ("{}", "line 1: timeStamp is None; a number of hops"),
         (hop(1) + '{"timeStamp": -1, "src": []}', "line 7: timeStamp is -1"),
-        ('{"timeStamp": 1700000000000, "src": []}', "timeStamp is 1700000000000; a count of hops"),
+        ('{"timeStamp": 1700000000000, "src": []}', "timeStamp is 1700000000000; a number of hops"),
         ('{"timeStamp": 1, "src": 4}', "src is not a list"),
         (hop(1, source(1, 0.5, 0.5, 0)), "of length 0.707; a unit vector was expected"),
         (hop(1, source(1, 1, 0, 0).replace('"x": 1.000', '"x": "a"')), "x of a source is 'a'"),

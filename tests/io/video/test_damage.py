@@ -181,7 +181,7 @@ def test_a_range_of_frames_is_read_and_checked_alone(whole: dict[str, bytes], tm
     ("name", "data", "message"),
     [
         ("empty.mp4", b"", "is empty"),
-        ("text.mp4", b"frame,camera\n1,2\n" * 50, "not a video file that can be read"),
+        ("text.mp4", b"frame,camera\n1,2\n" * 50, "not a video file that FFmpeg can read"),
         ("noise.avi", bytes(np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8)), "not a video file"),
         ("head.mkv", b"\x1a\x45\xdf\xa3" + bytes(3000), "cannot be opened"),
         ("list.mp4", b"#EXTM3U\n#EXTINF:1\n/etc/passwd\n", "not a video file"),

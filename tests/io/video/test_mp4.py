@@ -183,7 +183,7 @@ def test_numbers_of_chunks_rise(tmp_path: Path, first: tuple[int, ...]) -> None:
     """Each step back filled the table again: 8 MB of them took a minute."""
     rows = [(number, 1, 1) for number in first]
     stbl = samples().replace(table(b"stsc", [(1, 3, 1)]), table(b"stsc", rows))
-    assert "do not rise from 1" in parsed(tmp_path, movie(stbl)).problems[-1][1]
+    assert "do not increase from 1" in parsed(tmp_path, movie(stbl)).problems[-1][1]
 
 
 def fragments(runs: list[tuple[int, int, bytes]], clock: int = 0) -> bytes:
@@ -222,7 +222,7 @@ def test_runs_of_more_samples_than_the_file_has_bytes_for_are_not_believed(tmp_p
     for count, known in ((most, True), (most + 1, False), (7_000_000, False)):
         found = parsed(tmp_path, fragments([(0, count, b"")]))
         assert (found.frames == count) == known
-        assert known or f"a fragment of {count} samples is longer" in found.problems[-1][1]
+        assert known or f"a fragment of {count} frames is longer" in found.problems[-1][1]
     assert parsed(tmp_path, fragments([(0, most, b"")] * 3)).frames is None
     for clock, known in ((2**62 - 1, True), (2**62, False)):
         assert (parsed(tmp_path, fragments([(0, 1, b"")], clock)).frames == 1) == known

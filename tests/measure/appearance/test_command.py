@@ -143,7 +143,7 @@ def refused(capsys, code, message):
         (["--angle-step", "50"], ExitCode.USAGE, "a divisor of 180 degrees"),
         (["--colour-levels", "16"], ExitCode.USAGE, "--colour-levels"),
         (["--colour-levels", "1"], ExitCode.USAGE, "--colour-levels"),
-        (["--min-samples", "1000"], ExitCode.BAD_INPUT, "no side of any person was seen in 1000 boxes"),
+        (["--min-samples", "1000"], ExitCode.BAD_INPUT, "no person has 1000 boxes of one viewing angle"),
         (["--tracks", "nothing.parquet"], ExitCode.BAD_INPUT, "nothing.parquet"),
     ],
 )

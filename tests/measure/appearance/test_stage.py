@@ -8,7 +8,14 @@ import pytest
 from occlog.core.image import bins_of
 from occlog.errors import InputError
 from occlog.measure.appearance.config import LearnConfig, MatchConfig
-from occlog.measure.appearance.sightings import FrameBoxes, Sighting, covered, overlaps, tracks_of_boxes
+from occlog.measure.appearance.sightings import (
+    FrameBoxes,
+    Sighting,
+    boxes_of_frames,
+    covered,
+    overlaps,
+    tracks_of_boxes,
+)
 from occlog.measure.appearance.stage import (
     EvidenceTally,
     IdentityEvidence,
@@ -19,7 +26,7 @@ from occlog.measure.appearance.stage import (
     renamed,
     sides_of,
 )
-from occlog.records.tables import Gallery, Tracks
+from occlog.records.tables import Boxes, Gallery, Tracks
 from occlog.settings import SettingError
 
 LEVELS = 2
@@ -145,10 +152,10 @@ def test_a_gallery_of_no_levels_or_without_rows_is_refused():
     ("column", "value", "message"),
     [
         ("bins", [6, 6, 12], "bins is 12, but 6 in the first row"),
-        ("angle", [1, 8, 1], "angle 1 to 7|angle 8 1 to 7"),
+        ("angle", [1, 8, 1], "angle 8 from 1 to 7"),
         ("samples", [1, 0, 1], "0 samples"),
-        ("angle", [1, 1, 1], "two rows of one angle"),
-        ("density", np.eye(256)[[0, 1, 200]], "density is invalid"),
+        ("angle", [1, 1, 1], "two rows have the same target_id and angle"),
+        ("density", np.eye(256)[[0, 1, 200]], "invalid density"),
     ],
 )
 def test_a_gallery_that_contradicts_itself_is_refused(column, value, message):
@@ -208,3 +215,17 @@ def test_other_tracks_get_numbers_above_the_gallery():
     table, names = renamed(tracks, {4: 0}, [0, 3])
     assert names == {0: 4, 4: 0, 5: 5}
     assert table.target_id.tolist() == [0, 4, 5]
+
+
+def test_chunks_of_boxes_in_disorder_are_refused():
+    def boxes(*t_ns):
+        flat = np.full(len(t_ns), 10.0)
+        return Boxes.of(
+            t_ns=list(t_ns), sensor=["a"] * len(t_ns), frame=range(len(t_ns)), box=[0] * len(t_ns),
+            target_id=[-1] * len(t_ns), left_px=flat, top_px=flat, width_px=flat, height_px=flat, confidence=flat / 10,
+        )  # fmt: skip
+
+    assert [each.t_ns for each in boxes_of_frames([boxes(0, 1), boxes(1, 2)])] == [0, 1, 2]
+    with pytest.raises(InputError, match="time 1 s is earlier than the preceding 2 s") as error:
+        list(boxes_of_frames([boxes(0, 2_000_000_000), boxes(1_000_000_000)]))
+    assert error.value.id == "unsorted-times"

@@ -17,7 +17,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.detect.choice import Probe
+from occlog.measure.detect.choice import DetectionProbe
 from occlog.measure.networks.shipped import shipped_network
 from occlog.records.scene import Camera
 from occlog.records.tables import Bearings, Views
@@ -80,7 +80,7 @@ pytestmark = pytest.mark.jit
 def test_background_subtraction_needs_motion_that_the_network_does_not_know(
     found: int, moving: int, background: bool
 ) -> None:
-    assert Probe(24, found, moving).background is background
+    assert DetectionProbe(24, found, moving).background is background
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_one_network_for_one_camera_and_background_subtraction_for_another(
     assert detect(both, tmp_path / "both", "--embed", str(tmp_path / "reid.onnx")) == ExitCode.DONE
     captured = capsys.readouterr()
     assert json.loads(captured.out)["method"] == "network (real), background"
-    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in captured.err
+    assert "camera drawn: the network finds people in 0 of 12 frames, but regions of their size move in" in captured.err
     for name, method in (("drawn", "background"), ("real", "network")):
         only = detect(both, tmp_path / name, "--method", method, "--cameras", name)
         assert only == ExitCode.DONE

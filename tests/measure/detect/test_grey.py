@@ -90,4 +90,4 @@ def test_targets_of_a_grey_simulation_are_seen_and_those_with_colours_are_report
     assert coloured is not None
     (tmp_path / "colour.json").write_bytes(coloured)
     assert run(["detect", str(made), *out, "--target", str(tmp_path / "colour.json")]) == ExitCode.DONE
-    assert "warning: never detected in 60 frames: target 0, 1, 2;" in capsys.readouterr().err
+    assert "warning: target 0, 1, 2 is never detected in 60 frames;" in capsys.readouterr().err

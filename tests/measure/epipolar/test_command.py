@@ -231,7 +231,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (["--matches", "scene.csv", "--from-tracks", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
         (["--matches", "scene.csv", "--fundamental", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
         (["--scene", "scene.yaml", "-o", "x.mcap"], ExitCode.USAGE, "give RECORDING"),
-        (["--scene", "scene.yaml", "-o", "x.json", "--cameras", "a,z"], ExitCode.USAGE, "names no pair of views"),
+        (["--scene", "scene.yaml", "-o", "x.json", "--cameras", "a,z"], ExitCode.USAGE, "no matrix is of two of these"),
         (
             ["--matches", "scene.csv", "-o", "x.json", "--inlier-threshold", "inf"],
             ExitCode.USAGE,
@@ -242,7 +242,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (
             ["--matches", "few.csv", "-o", "x.json"],
             ExitCode.BAD_INPUT,
-            "few.csv: lines 2 to 13: a and b: 12 matches, must be at least 20",
+            "few.csv: lines 2 to 13: a and b: 12 matches; a fundamental matrix needs at least 20",
         ),
         (
             ["--matches", "floor.csv", "-o", "x.json"],

@@ -38,13 +38,17 @@ def test_names_come_from_the_file_the_network_or_coco(tmp_path: Path) -> None:
     assert names_of(7, None, None) == ClassNames({}, "")
     with pytest.raises(InputError, match="names its class 5, but has 2 classes"):
         names_of(2, {0: "x", 5: "y"}, None)
-    with pytest.raises(InputError, match="2 names, but the network has 3 classes"):
+    with pytest.raises(InputError, match="2 class names, but the network has 3 classes"):
         names_of(3, None, file)
 
 
 def test_files_that_hold_no_names_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "names.txt"
-    for data, fault in ((b"a\n\nb\n", "line 2: is empty"), (b"\xff\xfe", "not UTF-8"), (b"\n\n", "holds no name")):
+    for data, fault in (
+        (b"a\n\nb\n", "line 2: is empty"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"\n\n", "holds no class name"),
+    ):
         file.write_bytes(data)
         with pytest.raises(InputError, match=fault):
             read_names(file)

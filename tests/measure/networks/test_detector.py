@@ -187,7 +187,7 @@ def test_vectors_are_of_length_1_and_of_what_is_in_the_boxes(tmp_path: Path, run
 
 
 def test_a_network_without_a_vector_is_refused_and_a_vector_of_nothing_is_nan(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"its outputs are output0 1 x 5 x 84; one with a vector"):
+    with pytest.raises(InputError, match=r"its outputs are output0 1 x 5 x 84; one vector of 2"):
         open_embedder(constant_network(tmp_path / "a.onnx", {"output0": np.ones((1, 5, 84))}), NetworkConfig(), 1)
     nothing = open_embedder(constant_network(tmp_path / "b.onnx", {"v": np.zeros((1, 8))}), NetworkConfig(), 1)
     assert np.isnan(nothing.vectors(np.zeros((9, 9, 3), np.uint8), np.array([[0.0, 0.0, 5.0, 5.0]]))).all()

@@ -212,5 +212,5 @@ def test_exchanged_trackers_are_in_each_others_place() -> None:
         source = {(1, 0): (1, 2), (1, 2): (1, 0)}.get((view, target), (view, target))
         np.testing.assert_array_equal(estimate, place[source])
         np.testing.assert_allclose(cloud.mean(axis=0), place[source])
-    with pytest.raises(InputError, match="has no trackers of 0 and 9"):
+    with pytest.raises(InputError, match="has no trackers of targets 0 and 9"):
         follow.exchanged(state, 1, 0, 9)

@@ -172,5 +172,5 @@ def test_a_worker_of_dask_that_dies_takes_no_other_work_with_it_and_a_scheduler_
 
 def test_a_worker_with_another_version_is_refused() -> None:
     assert done_alike(__version__, square_or_die, 2) == 4
-    with pytest.raises(InputError, match=f"a worker has occlog {__version__}, this is 0.0.1; install the same"):
+    with pytest.raises(InputError, match=f"a worker has occlog {__version__}, this machine 0.0.1; install 0.0.1 there"):
         done_alike("0.0.1", square_or_die, 2)

@@ -290,7 +290,7 @@ def test_what_cannot_be_packed_is_refused(packed: Path, tmp_path: Path, capsys: 
     other = packed / "study" / "other.yaml"
     other.write_text(CONFIG.replace("particles: 20", "particles: 30"))
     code, error = pack(packed / "out", other)
-    assert (code, "stage track is not as" in error) == (ExitCode.BAD_INPUT, True)
+    assert (code, "stage track is not up to date" in error) == (ExitCode.BAD_INPUT, True)
     other.write_text(CONFIG.replace("../recordings/room.mcap", str(packed / "recordings" / "room.mcap")))
     code, error = pack(packed / "out", other)
     assert (code, "an absolute path" in error) == (ExitCode.BAD_INPUT, True)

@@ -195,7 +195,7 @@ def test_missed_threshold_is_reported_after_all_was_made(config: Path, capsys: p
         ("particles: 50", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
         ("particles: 50", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
         ("particles: 50", "output: x", "track.output: outputs of a run are in its folder"),
-        ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
+        ("room.yaml", "nowhere.yaml", "run.yaml: line 4: simulate: nowhere.yaml: no such file"),
         ("steps: 8", "render: 7", "simulate.render: expected true or false, got 7"),
     ],
 )
@@ -346,7 +346,7 @@ def test_a_table_needs_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str
     config = tmp_path / "run.yaml"
     config.write_text("occlog_run: 1\ntable: ranges.csv\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
-    assert "line 2: table: a table holds no scene; give a key `scene` with the sensors" in capsys.readouterr().err
+    assert "line 2: table: a file of measurements holds no scene; add the key `scene`" in capsys.readouterr().err
 
 
 def recording_with_video(folder: Path) -> Path:

@@ -219,12 +219,12 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
         (["a", "a/recording.mcap"], ExitCode.USAGE, "is a recording, not tracks"),
         (["a", "later"], ExitCode.BAD_INPUT, "no time in common"),
         (["a", "elsewhere"], ExitCode.BAD_INPUT, "are of different scenes"),
-        (["a", "other"], ExitCode.BAD_INPUT, "is another truth than that of a/recording.mcap"),
+        (["a", "other"], ExitCode.BAD_INPUT, "differs from a/recording.mcap, the truth of the other run"),
         (["a", "nobody"], ExitCode.BAD_INPUT, "holds no estimates"),
         (["a", "feet"], ExitCode.BAD_INPUT, "lengths are in ft, those of a/tracks.parquet in m"),
         (["own", "own"], ExitCode.USAGE, "give --match-distance"),
         (["a", "later", "--bearings", "a/tracks.parquet"], ExitCode.USAGE, "--bearings is an option of a page"),
-        (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png: of two runs there is a page alone"),
+        (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png: two runs are shown as a page only"),
         (["a", "later", "--divergence-distance", "0"], ExitCode.USAGE, "0.0"),
         (["a", "later", "third"], ExitCode.USAGE, "third"),
         (["a", "later", "--truth", "a/tracks.parquet"], ExitCode.BAD_INPUT, "holds tracks"),
@@ -272,7 +272,7 @@ def test_runs_beyond_the_limit_are_refused_and_at_it_they_are_not(
     assert report(*runs, "-o", tmp_path / "x.html", "-q") == ExitCode.DONE
     monkeypatch.setattr(inputs, "MAX_ROWS", 179)
     assert report(*runs, "-o", tmp_path / "y.html", "-q") == ExitCode.BAD_INPUT
-    assert "holds 180 estimates, of a run 179 at most" in capsys.readouterr().err
+    assert "has 180 estimates, more than the 179" in capsys.readouterr().err
 
 
 def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:

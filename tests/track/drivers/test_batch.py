@@ -279,7 +279,7 @@ def test_candidates_without_a_label_are_refused_or_left_out() -> None:
 
 def test_one_start_is_for_one_target() -> None:
     config = replace(CONFIG, start=(50.0, 50.0, 10.0))
-    with pytest.raises(UsageError, match=r"choose one target, e\.g\. 5"):
+    with pytest.raises(UsageError, match=r"choose one target, e\.g\. --target 5"):
         by_map([Bearings.merge([seen_walk(6, 0), seen_walk(6, 5)])], config)
     assert begin(SCENE, config).before.spread[0, 0] == 100.0
 

@@ -140,15 +140,15 @@ def test_only_the_chosen_sensors_are_used():
 
 
 def test_unknown_sensors_and_none_at_all_are_refused():
-    with pytest.raises(UsageError, match="no sensor 'cam0' in the scene; did you mean 'cam"):
+    with pytest.raises(UsageError, match="no sensor 'cam0' in the scene, to be used or omitted; did you mean 'cam"):
         choose_sensors(SCENE, only=["cam0"])
-    with pytest.raises(UsageError, match="no sensor is left"):
+    with pytest.raises(UsageError, match="all sensors are omitted"):
         choose_sensors(SCENE, only=["cam1"], without=["cam1"])
 
 
 def test_a_start_for_two_targets_is_refused():
     config = ApfConfig(particles=50, start=(50.0, 50.0, 1.0))
-    with pytest.raises(UsageError, match=r"target 2 in addition to 1; choose one target, e\.g\. 2"):
+    with pytest.raises(UsageError, match=r"target 2 in addition to 1; choose one target, e\.g\. --target 2"):
         list(track([recording(targets=(1, 2))], SCENE, TrackingTask(config, 0)))
     tracks, _ = whole(track([recording(targets=(1, 2))], SCENE, TrackingTask(config, 0, targets=(2,))))
     assert set(tracks.target_id.tolist()) == {2}

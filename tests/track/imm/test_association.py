@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from occlog.track.methods.imm import association
 from occlog.track.methods.imm.association import (
@@ -172,9 +173,21 @@ def test_two_targets_heard_as_one_by_drawing_them():
         assert merged_bearing_density(a, *pair, **heard, resolution=resolution)[0, 0, 0] == pytest.approx(
             exact, rel=0.15
         )
-    far = Direction(math.radians(60.0), 0.01)
-    assert not merged_bearing_density(a, pair[0], far, **heard, resolution=resolution).any()
     assert not merged_bearing_density(a, *pair, **heard, resolution=0.0).any()
+
+
+@pytest.mark.parametrize(("gap", "some"), [(0.2 + 3.0 * 0.08 - 1e-9, True), (0.2 + 3.0 * 0.08 + 1e-9, False)])
+def test_two_targets_are_heard_as_one_up_to_three_deviations_beyond_the_resolution(gap, some):
+    """Normal density of the wider variance times the probability that the other is within the resolution."""
+    one, heard = np.zeros((1, 1, 4)), {"bearing": np.array([0.3]), "sigma": np.array([0.07])}
+    one[0, 0, 0], one[0, 0, 2] = math.cos(0.1), math.sin(0.1)
+    fit = bearing_fit(one, np.ones((1, 1)), **heard, position=np.zeros(2), reach=math.inf)
+    for sign in (-1.0, 1.0):
+        pair = Direction(0.1, 0.05), Direction(0.1 + sign * gap, 0.03)
+        near = norm.cdf((0.2 - gap) / 0.03) - norm.cdf((-0.2 - gap) / 0.03)
+        wanted = norm.pdf(0.2, 0.0, math.sqrt(0.07**2 + 0.2**2 / 12.0)) * near
+        got = merged_bearing_density(fit, *pair, **heard, resolution=0.2)
+        assert got[0, 0, 0] == pytest.approx(wanted if some else 0.0, rel=1e-6)
 
 
 def test_directions_are_means_around_the_circle():

@@ -32,13 +32,14 @@ def test_a_gap_of_an_array_with_a_rate_is_filled_with_scans_in_vain():
     ]
 
 
-def test_a_late_row_is_no_gap():
-    assert [len(f[2]) for f in scans([(0.0, ["a2"]), (0.29, ["a2"]), (0.41, ["a2"])])] == [0, 0, 0]
+@pytest.mark.parametrize(("late", "gaps"), [(0.299, 0), (0.301, 1)])
+def test_a_row_that_is_late_by_up_to_half_a_period_is_no_gap(late, gaps):
+    assert [len(f[2]) for f in scans([(5.0, ["a2"]), (5.0 + late, ["a2"])])] == [0] + gaps * [1] + [0]
 
 
 def test_an_array_without_a_rate_is_timed_by_its_rows():
-    times = [(0.1 * n, ["a1"]) for n in range(5)] + [(0.7, ["a1"])]
-    assert scans(times)[-3:] == [(pytest.approx(0.5), [], [0]), (pytest.approx(0.6), [], [0]), (0.7, [0], [])]
+    times = [(5.0 + 0.1 * n, ["a1"]) for n in range(5)] + [(5.7, ["a1"])]
+    assert scans(times)[-3:] == [(pytest.approx(5.5), [], [0]), (pytest.approx(5.6), [], [0]), (5.7, [0], [])]
     assert all(not f[2] for f in scans([(0.0, ["a1"]), (0.1, ["a1"]), (0.7, ["a1"])]))  # too few to tell
 
 

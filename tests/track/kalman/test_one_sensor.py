@@ -8,7 +8,7 @@ from tracker_scenes import room100
 
 from occlog.core.plane import make_floor
 from occlog.filtering.gaussian import Gaussian
-from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, azimuths, measured
+from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, measured
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
 from occlog.track.methods.kalman.config import NONE, IekfConfig
@@ -25,11 +25,6 @@ def row(xy: np.ndarray, *, pixel: bool, sd: float) -> LinearisedRows:
     """What camera 1 measures of a place, without noise."""
     blank = LinearisedRows(np.array([0]), np.array([pixel]), np.zeros(1), np.array([sd**2]), np.ones(1, bool))
     return blank._replace(value=measured(xy[None], blank, WORLD)[0][0])
-
-
-@pytest.mark.parametrize("pixel", [True, False])
-def test_azimuths_are_those_of_the_places(pixel: bool) -> None:
-    assert azimuths(row(AT, pixel=pixel, sd=1.0), WORLD) == pytest.approx(np.arctan2(30.0, 40.0))
 
 
 @pytest.mark.parametrize("pixel", [True, False])

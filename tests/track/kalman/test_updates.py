@@ -35,19 +35,6 @@ def rows(sensors: list[int], xy: tuple[float, float], pixel: list[bool], off: fl
     return blank._replace(value=expected[0] + off * np.sqrt(blank.variance))
 
 
-def test_derivatives_are_those_of_the_measurements() -> None:
-    at, given = np.array([20.0, 30.0]), rows([0, 1, 3], (20.0, 30.0), [True, True, False])
-    H, variance = linearised(at, given, WORLD)
-    for axis in range(2):
-        step = 1e-5 * np.eye(2)[axis]
-        ahead, behind = (measured((at + way * step)[None], given, WORLD)[0][0] for way in (1, -1))
-        np.testing.assert_allclose(H[:, axis], (ahead - behind) / 2e-5, rtol=1e-6)
-    # [Ercan] Eq. 2 on the axis of camera 1: 70^2 (0.01^2 + 1 / d^2) + 2^2, d^2 = 2 * 25^2
-    _, on_axis = linearised(np.array([25.0, 25.0]), rows([0], (25.0, 25.0), [True]), WORLD)
-    assert on_axis[0] == pytest.approx(4900 * (1e-4 + 1 / 1250) + 4.0)
-    assert variance[2] == pytest.approx(0.03**2)
-
-
 @pytest.mark.parametrize("distance", [1e-9, 1e-3, 0.3])
 def test_next_to_a_sensor_a_sight_line_is_as_wide_as_its_angle_and_the_distance(distance: float) -> None:
     """Linearised at the place alone the line had the width of 0.03 rad at that distance: a variance of 1e-21."""

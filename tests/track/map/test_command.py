@@ -236,7 +236,7 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
     (made / "broken.json").write_text("{")
     capsys.readouterr()
     for options, code, message in [
-        (["--motion", "metres.json"], ExitCode.USAGE, "is in m, but the scene in unit"),
+        (["--motion", "metres.json"], ExitCode.USAGE, "lengths are in m, but the scene's in unit"),
         (["--motion", "motion.json", "--set", "process_noise_velocity=1"], ExitCode.USAGE, "give one of them"),
         (["--motion", "motion.json", "--set", f"Sigma={','.join('1' * 16)}"], ExitCode.USAGE, "give one of them"),
         (["--motion", "broken.json"], ExitCode.BAD_INPUT, "broken.json"),

@@ -99,7 +99,7 @@ def test_sources_have_names_of_their_own(tmp_path: Path, capsys: pytest.CaptureF
     path = str(log_of(tmp_path))
     arguments = ["ingest", "-o", str(tmp_path / "x.mcap"), "--positions", path, "--positions", path, "--fps", "4"]
     assert run(arguments) == ExitCode.USAGE
-    assert "give it another name" in capsys.readouterr().err
+    assert "give them another name" in capsys.readouterr().err
     assert run(["ingest", "-o", str(tmp_path / "x.mcap"), "--truth", path, "--grid", "1,0,0"]) == ExitCode.USAGE
     assert "grid of positions" in capsys.readouterr().err
 

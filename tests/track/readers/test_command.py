@@ -211,7 +211,7 @@ def test_refinement_says_what_it_wants(folder: Path, capsys: pytest.CaptureFixtu
         ),
         (
             ["--refine", "left", "--refine-method", "parallel", "--refine-bearings", str(sights)],
-            "parallel requires two cameras",
+            "parallel requires exactly two cameras",
         ),
         (["--refine-bearings", str(sights)], "name them with --set refine="),
     ):
@@ -253,7 +253,7 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
         (
             ["--method", "rssi", "--path-loss", "LOSS", "--set", "path_loss_exponent=3"],
             ExitCode.USAGE,
-            "state the same quantity",
+            "--path-loss and --set path_loss_exponent= state the same quantity",
         ),
         (["--method", "apf"], ExitCode.BAD_INPUT, "track the reads of its tags with method rssi or virtual"),
     ],

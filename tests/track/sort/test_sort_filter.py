@@ -10,7 +10,7 @@ from occlog.track.methods.jipda.interface import FrameDetections
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.methods.sort.encounters import exchanges
 from occlog.track.methods.sort.filter import FrameTracks, SortFilter
-from occlog.track.methods.sort.learned import DetectorStatistics
+from occlog.track.methods.sort.learned import ImageDetectorStatistics
 
 SIZE = (1000, 600)
 FPS = 10.0
@@ -126,7 +126,7 @@ def test_an_exchange_is_reported_where_both_assignments_are_alike() -> None:
 
 
 def test_rates_of_detection_are_learned_by_visible_share() -> None:
-    learned = DetectorStatistics(0.9)
+    learned = ImageDetectorStatistics(0.9)
     before = learned.detection(np.array([1.0, 0.05]))
     learned.add_detections(np.full(200, 0.95), np.arange(200) < 100)
     after = learned.detection(np.array([1.0, 0.05]))

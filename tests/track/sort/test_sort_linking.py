@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.track.methods.sort.config import SortConfig
-from occlog.track.methods.sort.linking import Boxes, cut, linked, smoothed_track
+from occlog.track.methods.sort.linking import TrackBoxes, cut, linked, smoothed_track
 
 pytestmark = pytest.mark.jit
 TIMES = np.arange(200) / 10.0
@@ -16,7 +16,7 @@ KNOWN = np.array([[1000.0, 950.0, 903.0], [1000.0, 600.0, 365.0]])
 """Likeness of .95 with a deviation of .02 to the same person, of .6 with .07 to others; 1000 boxes of each."""
 
 
-def track(frames: range, speed: float, start: float, row: int, colour: int | None = None) -> Boxes:
+def track(frames: range, speed: float, start: float, row: int, colour: int | None = None) -> TrackBoxes:
     frame = np.array(frames)
     x = start + speed * TIMES[frame]
     boxes = np.column_stack([x - 30, np.full(len(x), 250.0), x + 30, np.full(len(x), 400.0)])
@@ -24,7 +24,7 @@ def track(frames: range, speed: float, start: float, row: int, colour: int | Non
     if colour is not None:
         observation = np.full((len(x), 4), 0.02 / 3)
         observation[:, colour] = 0.98
-    return Boxes(frame, boxes, observation, row + np.arange(len(x)))
+    return TrackBoxes(frame, boxes, observation, row + np.arange(len(x)))
 
 
 def test_a_track_with_a_gap_is_one_person_and_is_interpolated() -> None:
@@ -48,7 +48,7 @@ def test_people_far_apart_are_not_linked() -> None:
 def test_colours_undo_an_exchange_at_a_crossing() -> None:
     """Two people meet, stand, and go back; the filter has them exchanged after the meeting."""
 
-    def there_and_back(first: bool, colours: tuple[int, int], row: int) -> Boxes:
+    def there_and_back(first: bool, colours: tuple[int, int], row: int) -> TrackBoxes:
         side = -1.0 if first else 1.0
         frame = np.arange(60)
         away = np.concatenate([np.linspace(200, 0, 30), np.linspace(0, 200, 30)])
@@ -57,7 +57,7 @@ def test_colours_undo_an_exchange_at_a_crossing() -> None:
         observation = np.full((60, 4), 0.02 / 3)
         observation[:30, colours[0]] = 0.98
         observation[30:, colours[1]] = 0.98
-        return Boxes(frame, boxes, observation, row + frame)
+        return TrackBoxes(frame, boxes, observation, row + frame)
 
     exchanged = [there_and_back(True, (0, 1), 0), there_and_back(False, (1, 0), 1000)]
     assert len(cut(exchanged, TIMES)) == 4

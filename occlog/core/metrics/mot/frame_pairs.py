@@ -187,10 +187,10 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
             view, or only one side has views.
     """
     if truth.position.ndim != 2 or truth.position.shape[1:] != tracks.position.shape[1:]:
-        raise ValueError("positions of both sides must have as many columns")
+        raise ValueError("positions of truth and tracks must have equally many columns")
     n = len(truth.frame)
     if n and len(tracks.frame) and (truth.view is None) != (tracks.view is None):
-        raise ValueError("views must be given for both sides or for none")
+        raise ValueError("views must be given for both truth and tracks, or for neither")
     both_views = np.concatenate([_views(truth), _views(tracks)])
     both_frames = np.concatenate([truth.frame, tracks.frame]).astype(np.int64)
     key, cell = _numbered(both_views, both_frames)
@@ -257,7 +257,10 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
     same = (np.diff(cell[order]) == 0) & (np.diff(number[order]) == 0)
     if same.any():
         row = order[int(np.flatnonzero(same)[0])]
-        raise ValueError(f"label {side.label[row]} comes twice in frame {side.frame[row]}")
+        raise ValueError(
+            f"label {side.label[row]} comes twice in frame {side.frame[row]}; of truth, and of "
+            "tracks, a label may come once in a frame"
+        )
     return order.astype(np.int64), np.searchsorted(cell[order], np.arange(cells + 1)).astype(np.int64)
 
 

@@ -182,7 +182,7 @@ def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int,
         ValueError: an option is outside its range, or the frames are of several views.
     """
     if window < 1 or len(np.unique(frames.view)) > 1:
-        raise ValueError(f"window {window} must be at least 1, and the frames of one view")
+        raise ValueError(f"window {window} must be at least 1 frame, and all frames must be of one view")
     return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).update(frames, ends))
 
 

@@ -216,8 +216,8 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
         raise InputError(f"column {c.name}: {fault}", id="damaged-file")
     if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
         raise InputError(
-            f"column {c.name}: a list of {length} numbers among {len(values)} rows, most of which have none and take "
-            "as much memory; give more rows a list",
+            f"column {c.name}: a list of {length} numbers among {len(values)} rows, most of which have none, but take "
+            "as much memory; move rows with lists to their own file",
             id="input-too-large",
         )
     out = np.full((len(values), length), np.nan, dtype=c.dtype)

@@ -53,8 +53,8 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
         total += BYTES_PER_NUMBER * width * batch.num_rows
         if total > most:
             raise InputError(
-                f"{path}: column {name}: a list of {width} numbers among {batch.num_rows} rows, each of which takes "
-                "as much memory; write lists of one length",
+                f"{path}: column {name}: a list of {width} numbers among {batch.num_rows} rows, each of which takes as "
+                "much memory as the longest list; write lists of one length",
                 id="input-too-large",
             )
         step = max(NUMBERS_AT_ONCE // max(width, 1), 1)
@@ -145,7 +145,10 @@ def schema_name_of(path: Path, schema: pa.Schema) -> str:
     """
     raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
     if raw is None:
-        raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table", id="unknown-format")
+        raise InputError(
+            f"{path}: not an occlog table: no metadata {SCHEMA_KEY!r}; give a file that occlog wrote",
+            id="unknown-format",
+        )
     return str(raw.decode()).split("/", maxsplit=1)[0]
 
 

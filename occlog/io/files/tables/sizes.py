@@ -85,7 +85,7 @@ class CompactReader:
     def integer(self, kind: int, expected: int = I64) -> int:
         """Read an integer; MalformedError if the type of its field, `kind`, is not the one `expected`."""
         if kind != expected:
-            raise MalformedError("a field of another type where a number is expected")
+            raise MalformedError("the metadata has a field of another type where a number is expected")
         return self._zigzag()
 
     def items(self, kind: int, of: int) -> range:
@@ -94,7 +94,7 @@ class CompactReader:
         MalformedError if the type `kind` of the field is not a list, or its items are not of the type `of`.
         """
         if kind != LIST:
-            raise MalformedError("a field of another type where a list is expected")
+            raise MalformedError("the metadata has a field of another type where a list is expected")
         found, count = self._list_head()
         if found != of and count:
             raise MalformedError("a list with items of another type")
@@ -142,14 +142,14 @@ class CompactReader:
         head = self._byte()
         count = head >> 4 if head >> 4 != 15 else self._varint()
         if count > min(MAX_ITEMS, len(self.data) - self.at):
-            raise MalformedError("a list of more items than there are bytes")
+            raise MalformedError("the metadata has a list of more items than it has bytes")
         return head & 15, count
 
     def _byte(self) -> int:
         if self.at >= len(self.data):
             raise MalformedError("the bytes end too early")
         if self.left <= 0:
-            raise MalformedError("more values than a file of its size can have")
+            raise MalformedError("the metadata has more values than a file of its size can have")
         self.left -= 1
         self.at += 1
         return self.data[self.at - 1]
@@ -217,7 +217,7 @@ def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
             rows = reader.integer(kind)
         elif number == SCHEMA:
             if len(parts := reader.items(kind, STRUCT)) > MAX_PARTS:
-                raise MalformedError(f"{len(parts)} columns and parts of columns; at most {MAX_PARTS} are read")
+                raise MalformedError(f"{len(parts)} columns, with nested ones; at most {MAX_PARTS} are read")
             for _ in parts:
                 reader.skip(STRUCT)
         elif number == ROW_GROUPS:
@@ -233,7 +233,9 @@ def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
         else:
             reader.skip(kind)
     if rows != sum(group.rows for group in groups):
-        raise MalformedError(f"{rows} rows, but row groups with {sum(group.rows for group in groups)} rows in all")
+        raise MalformedError(
+            f"the metadata has {rows} rows, but row groups with {sum(group.rows for group in groups)} rows in all"
+        )
     return groups
 
 
@@ -245,7 +247,7 @@ def _group(reader: CompactReader, most: int) -> RowGroupSizes:
     for number, kind in reader.fields():
         if number == COLUMNS:
             if len(columns := reader.items(kind, STRUCT)) > most:
-                raise MalformedError("row groups with more columns than a file of its size can have")
+                raise MalformedError("the metadata has row groups with more columns than a file of its size can have")
             chunks = [_chunk(reader) for _ in columns]
         elif number == GROUP_BYTES:
             unpacked = reader.integer(kind)
@@ -274,7 +276,7 @@ def _chunk(reader: CompactReader) -> Chunk:
                 reader.skip(kind)
     size, data, dictionary = found.values()
     if min(size, data) < 0 or not column:
-        raise MalformedError("a column without its name, its size or its position")
+        raise MalformedError("the metadata has a column without its name, its size or its position")
     # A column without values has no data page, but a dictionary
     begin = dictionary if dictionary > 0 and (dictionary < data or not data) else data
     return Chunk(column, begin, begin + size)

@@ -51,7 +51,8 @@ class NamedReader:
         if not self.used:
             raise UsageError(
                 f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
-                f"{' or '.join(self.endings)}; outputs were made without this reader",
+                f"{' or '.join(self.endings)}, and outputs were made without it; rename the input, or leave the option "
+                "out",
                 id="unknown-format",
             )
 

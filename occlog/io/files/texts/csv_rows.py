@@ -6,7 +6,6 @@ Errors name the line, the value and the remedy.
 from __future__ import annotations
 
 import csv
-import difflib
 import gzip
 import io
 import math
@@ -19,12 +18,12 @@ from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import Self, TextIO
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
-from occlog.errors import InputError, option
+from occlog.errors import InputError, did_you_mean, option
 from occlog.io.files.limits import UTF16_MARKS, check_input
 from occlog.io.files.texts.by_reader import text_of
 
@@ -129,7 +128,7 @@ class CsvRows:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def pick(self, kept: Ints) -> CsvRows:
+    def pick(self, kept: Ints) -> Self:
         """The rows with the given indices."""
         return replace(
             self,
@@ -207,8 +206,8 @@ class CsvRows:
             return cells.astype(np.int64)
         except (ValueError, OverflowError):
             values = self.floats(name, blank=blank is not None)
-            if blank is not None:
-                values = np.where(np.isnan(values), float(blank), values)
+        if blank is not None and (empty := np.isnan(values)).any():
+            return replace(self, cells={name: np.where(empty, str(blank), cells)}).ints(name)
         bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
@@ -523,17 +522,16 @@ def _resolve(
     for cell in header:
         name = meaning.get(cell.lower()) or meaning.get(name_with_unit(cell.lower()))
         if name is None and cell.lower() not in ignored and not ignore_extra:
-            near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
-            known = ", ".join(aliases[0] for aliases in columns.values())
-            hint = f"did you mean {near[0]!r}? " if near else ""
+            known = dict.fromkeys([*(aliases[0] for aliases in columns.values()), *meaning])
+            hint = did_you_mean(cell.lower(), known, "known:")
             skip = "" if ignore_extra is None else f", or skip unknown columns ({option('ignore_extra_columns')})"
             raise InputError(
-                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; rename or remove it{skip}",
+                f"{path}: line {line}: unknown column {cell!r}: rename or remove it{skip}; {hint}",
                 id="unknown-column",
             )
         if name is not None and name in names:
             raise InputError(
-                f"{path}: line {line}: two columns are called {name!r}; remove or rename one", id="duplicate-name"
+                f"{path}: line {line}: two columns are read as {name!r}; remove or rename one", id="duplicate-name"
             )
         names.append(name)
     return names

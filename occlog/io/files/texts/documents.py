@@ -10,9 +10,10 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -20,7 +21,7 @@ import msgspec
 
 from occlog.errors import InputError, spelled
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.limits import check_text, guarded, read_configuration
+from occlog.io.files.limits import bounded_text, check_input, check_text, guarded
 from occlog.records.names import first_double
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -49,7 +50,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
     InputError, with the line, if it is not valid JSON, larger than 64 MB, or another value.
     """
-    values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
+    values = parse_json(bounded_text(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a JSON object, got {type(values).__name__}")
     return values
@@ -181,9 +182,39 @@ def parse_xml(text: str, path: Path) -> Element:
     """
     if "<!ENTITY" in text:
         raise InputError(f"{path}: declares XML entities; remove them", id="unsupported-format")
-    with guarded(path, "XML"):
+    with _parsing_xml(path, "XML"):
+        return ElementTree.fromstring(text)
+
+
+def xml_events(
+    path: Path, what: str, events: Iterable[Literal["start", "end"]] = ("end",)
+) -> Iterator[tuple[str, Element]]:
+    """Yield (event, element) while an XML file is read: `start` and `end` of its elements, as in `iterparse`.
+
+    Args:
+        path: the file.
+        what: expected content, for messages.
+        events: the kinds of events that are yielded.
+
+    Raises:
+        InputError: the file cannot be read, or is not XML.
+    """
+    with check_input(path, what).open("rb") as file:
+        found = iter(ElementTree.iterparse(file, events))
+        while True:
+            with _parsing_xml(path, what):
+                each = next(found, None)
+            if each is None:
+                return
+            yield each
+
+
+@contextmanager
+def _parsing_xml(path: Path, what: str) -> Iterator[None]:
+    """Context manager that converts exceptions of the XML parser to InputError, with the line."""
+    with guarded(path, what):
         try:
-            return ElementTree.fromstring(text)
+            yield
         except ElementTree.ParseError as error:
             raise InputError(
                 f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again", id="invalid-syntax"
@@ -206,7 +237,7 @@ def number(element: Element, name: str, where: str, default: float | None = None
     text = element.get(name)
     if text is None:
         if default is None:
-            raise InputError(f"{where}: <{element.tag}> has no {name}", id="missing-value")
+            raise InputError(f"{where}: <{element.tag}> has no attribute {name}; add it", id="missing-value")
         return default
     try:
         value = float(text)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.files.limits import check_input
+from occlog.io.files.limits import bounded_text
 from occlog.io.files.programs import refuse_unread
 from occlog.io.files.timing.times import TIME_COLUMNS, parse_times, time_column
 
@@ -222,18 +222,7 @@ class Probe:
     @cached_property
     def text(self) -> str:
         """The whole text; InputError if it is not UTF-8, or larger than `MAX_TEXT` bytes."""
-        path = check_input(self.path, self.what)
-        if path.stat().st_size > MAX_TEXT:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT}",
-                id="input-too-large",
-            )
-        try:
-            return path.read_text(encoding="utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise InputError(
-                f"{path}: byte {error.start}: not UTF-8 text; {self.what} was expected", id="wrong-encoding"
-            ) from None
+        return bounded_text(self.path, self.what, limit=MAX_TEXT, encoding="utf-8-sig")
 
 
 def is_folder(probe: Probe) -> bool:

@@ -18,16 +18,16 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from occlog.errors import InputError, nearest, option
+from occlog.errors import InputError, did_you_mean, option
 from occlog.io.files.limits import (
     FAILURES,
     Content,
+    bounded_text,
     check_input,
     check_text,
     content_of,
     describe_unsupported,
     guarded,
-    read_configuration,
 )
 
 MAX_NODES = 200_000
@@ -243,7 +243,7 @@ def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = No
     """
     path = check_input(path, what)
     _refuse_binary(path, what)
-    return parse_yaml(read_configuration(path, what), str(path), kind, upgrade)
+    return parse_yaml(bounded_text(path, what), str(path), kind, upgrade)
 
 
 def _refuse_binary(path: Path, what: str) -> None:
@@ -262,7 +262,7 @@ def _refuse_binary(path: Path, what: str) -> None:
 
 def lines_of(path: Path) -> dict[str, int]:
     """Line number of every value in a YAML file, by its path, such as `$.track.set.sigma_v` or `$.cases[0]`."""
-    node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
+    node = compose_yaml(bounded_text(path, "YAML of occlog"), path, _Loader)
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
 
@@ -393,8 +393,7 @@ def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) ->
 def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) -> str:
     line = lines.get(f"{location}.{key}")
     valid = _valid_keys(kind, location)
-    near = nearest(key, valid, cutoff=0.5)
-    hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"valid keys: {', '.join(valid)}"
+    hint = did_you_mean(key, valid, "valid keys:")
     shown = location.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""
     return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.errors import InputError, option
+from occlog.errors import InputError, UsageError, option
 
 if TYPE_CHECKING:
     from occlog.records.scene import Clock
@@ -31,6 +32,14 @@ def is_unit_factor(ratio: float) -> bool:
     """Whether a ratio of two durations is about that of two time units: 1e3, 1e6 or 1e9, or the inverse of these."""
     larger = max(ratio, 1.0 / max(ratio, 1e-300))
     return any(abs(math.log(larger / factor)) < math.log(UNIT_TOLERANCE) for factor in UNIT_FACTORS)
+
+
+def no_frame_times(where: Path | str) -> UsageError:
+    """UsageError, to be raised, for a file (`where`) of frame numbers, the times of which are not known."""
+    return UsageError(
+        f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+        id="missing-times",
+    )
 
 
 @dataclass(frozen=True, eq=False)

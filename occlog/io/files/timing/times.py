@@ -82,7 +82,7 @@ def parse_start_time(text: str) -> int:
     try:
         return parse_time(text)
     except InputError as error:
-        raise InputError(f"{option('start_time')}: {error}") from None
+        raise InputError(f"{option('start_time')}: {error}") from error
 
 
 def parse_time(text: str, unit: str = "s") -> int:
@@ -271,7 +271,7 @@ def time_column(rows: CsvRows) -> str | None:
     found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
     if len(found) > 1:
         raise InputError(
-            f"{rows.path}: two columns of times ({' and '.join(found)}); keep one", id="conflicting-values"
+            f"{rows.path}: two columns of times (in {' and in '.join(found)}); keep one", id="conflicting-values"
         )
     return found[0] if found else None
 

@@ -19,17 +19,15 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import guarded
-from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.io.files.texts.documents import parse_xml
 from occlog.io.files.texts.formats import Probe
 from occlog.records.declared.sensors import MAX_FRAMES
 
-from .columns import BoxReadOptions, BoxSource, rows_of, stated_sizes
+from .columns import BoxReadOptions, BoxSource, chunks_of, stated_sizes
 
 LONGEST_NUMBER = 20
 """Digits of a number of a frame at which it is none."""
 MAX_BYTES = 2**28
-ROWS_PER_CHUNK = 16_384
 EDGES = {"xtl": "left", "ytl": "top", "xbr": "right", "ybr": "bottom"}
 WHAT = "annotations of CVAT"
 _STEP = re.compile(r"step\s*=\s*(\d{1,6})")
@@ -51,11 +49,7 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
     Raises:
         InputError: the camera is not named, or the file is no such XML.
     """
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: annotations of CVAT are of one camera and do not name it; give CAMERA={path.name}",
-            id="camera-not-named",
-        )
+    wanted.check_camera(path, "an annotation file of CVAT")
     if path.stat().st_size > MAX_BYTES:
         raise InputError(
             f"{path}: {path.stat().st_size} bytes; {WHAT} of at most {MAX_BYTES} can be read; split it",
@@ -72,7 +66,7 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
         )
     records.sort(key=lambda record: _order(record[1]["frame"]))
     return BoxSource(
-        _chunks(path, records),
+        chunks_of(path, records, "box"),
         "CVAT",
         {} if listed is None else {"": listed},
         first_number=0,
@@ -91,11 +85,6 @@ def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
         yield "", image.get("width"), image.get("height")
     for size in root.iter("original_size"):
         yield "", size.findtext("width"), size.findtext("height")
-
-
-def _chunks(path: Path, records: list[Record]) -> Iterator[CsvRows]:
-    for start in range(0, len(records), ROWS_PER_CHUNK):
-        yield rows_of(path, records[start : start + ROWS_PER_CHUNK], "box", ())
 
 
 def _of_tracks(path: Path, root: Element) -> Iterator[Record]:

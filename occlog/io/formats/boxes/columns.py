@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import NamedTuple
@@ -21,7 +22,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, option
 from occlog.io.files.names import last_number
-from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, first_line, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import MAX_CELL, ROWS_PER_CHUNK, CsvRows, first_line, read_plain, read_rows
 from occlog.io.files.timing.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
@@ -75,6 +76,17 @@ class BoxReadOptions(NamedTuple):
     camera: str | None
     known: Sequence[str]
     ignore_extra: bool
+
+    def check_camera(self, path: Path, what: str) -> None:
+        """InputError unless the camera is stated, for a format that holds one and does not name it.
+
+        `path` is the file, `what` the format, for the message.
+        """
+        if self.camera is None:
+            raise InputError(
+                f"{path}: {what} holds one camera and does not name it; give CAMERA={path.name}",
+                id="camera-not-named",
+            )
 
 
 class BoxSource(NamedTuple):
@@ -187,7 +199,7 @@ def _from_centres(rows: CsvRows) -> CsvRows:
 
 
 def rows_of(
-    path: Path, records: Sequence[tuple[int, Mapping[str, str]]], location: str, files: Sequence[Path]
+    path: Path, records: Sequence[tuple[int, Mapping[str, str]]], location: str, files: Sequence[Path] = ()
 ) -> CsvRows:
     """Convert records, texts by column, to rows; missing cells are empty.
 
@@ -210,6 +222,13 @@ def rows_of(
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)
     return CsvRows(path, lines, columns, location, tuple(files))
+
+
+def chunks_of(path: Path, records: Iterable[tuple[int, Mapping[str, str]]], location: str) -> Iterator[CsvRows]:
+    """Yield the records of a file, texts by column, as rows, in chunks of bounded size (see `rows_of`)."""
+    left = iter(records)
+    while part := list(islice(left, ROWS_PER_CHUNK)):
+        yield rows_of(path, part, location)
 
 
 MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
@@ -279,11 +298,7 @@ def _split_box(rows: CsvRows) -> CsvRows:
 
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Open MOTChallenge text (frames from 1) of the camera that `wanted` states; InputError if it states none."""
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",
-            id="camera-not-named",
-        )
+    wanted.check_camera(path, "a MOTChallenge file")
     return BoxSource(_mot(path), "MOTChallenge text", first_number=1)
 
 

@@ -40,16 +40,15 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.limits import check_input
+from occlog.io.files.limits import bounded_text, check_input
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
 from occlog.io.files.programs import refuse_unread
-from occlog.io.files.texts.csv_rows import CsvRows, text_lines
+from occlog.io.files.texts.csv_rows import ROWS_PER_CHUNK, CsvRows, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import Probe, is_folder
 
-from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxReadOptions, BoxSource, rows_of
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, BoxReadOptions, BoxSource, chunks_of, rows_of
 
-ROWS_PER_CHUNK = 16_384
 COLUMNS = 17
 """Without the score."""
 KITTI_COLUMNS = {0: "frame", 1: "id", 2: "class:label", 6: "left", 7: "top", 8: "right", 9: "bottom", 17: "confidence"}
@@ -74,16 +73,11 @@ def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
     Raises:
         InputError: no camera is stated.
     """
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}",
-            id="camera-not-named",
-        )
-    return BoxSource(_kitti(path), "KITTI text", first_number=0)
+    wanted.check_camera(path, "KITTI's text")
+    return BoxSource(chunks_of(path, _kitti(path), "line"), "KITTI text", first_number=0)
 
 
-def _kitti(path: Path) -> Iterator[CsvRows]:
-    records: list[tuple[int, dict[str, str]]] = []
+def _kitti(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in text_lines(path, file):
             cells = line.split()
@@ -95,12 +89,7 @@ def _kitti(path: Path) -> Iterator[CsvRows]:
                     "a score",
                     id="unknown-format",
                 )
-            records.append((number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}))
-            if len(records) == ROWS_PER_CHUNK:
-                yield rows_of(path, records, "line", ())
-                records = []
-    if records:
-        yield rows_of(path, records, "line", ())
+            yield number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}
 
 
 VATIC_COLUMNS = ("id", "left", "top", "right", "bottom", "frame")
@@ -119,10 +108,7 @@ def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
     Raises:
         InputError: no camera is stated.
     """
-    if wanted.camera is None:
-        raise InputError(
-            f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}", id="camera-not-named"
-        )
+    wanted.check_camera(path, "VATIC text")
     return BoxSource(_vatic_chunks(path), "VATIC text", first_number=0)
 
 
@@ -141,8 +127,7 @@ def _vatic_chunks(path: Path) -> Iterator[CsvRows]:
             cells = dict(zip(VATIC_COLUMNS, found[1].split(), strict=True))
             records.append((number, {**cells, "class:label": found[5]}))
     records.sort(key=lambda record: float(record[1]["frame"]))
-    for start in range(0, len(records), ROWS_PER_CHUNK):
-        yield rows_of(path, records[start : start + ROWS_PER_CHUNK], "line", ())
+    yield from chunks_of(path, records, "line")
 
 
 ACROSS, ALONG = 480, 1440
@@ -238,13 +223,13 @@ def read_people(file: Path) -> list[AnnotatedPerson]:
     check_input(file, "annotations of a frame")
     if file.stat().st_size > MAX_ANNOTATION_BYTES:
         raise InputError(
-            f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_ANNOTATION_BYTES} were expected",
+            f"{file}: {file.stat().st_size} bytes; annotations of a frame have at most {MAX_ANNOTATION_BYTES} bytes",
             id="input-too-large",
         )
     value = parse_json(file.read_bytes(), file, "annotations of a frame")
     if isinstance(value, dict) and isinstance(value.get("people"), list):
         raise InputError(
-            f"{file}: keypoints of OpenPose, which are not read; write a box around each person's",
+            f"{file}: keypoints of OpenPose, which are not read; write a table of boxes around people",
             id="unsupported-format",
         )
     if not isinstance(value, list):
@@ -272,7 +257,9 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
         if not isinstance(number, int) or not 0 <= number < 2**31:
             raise InputError(f"{where}: {name} is {str(number)[:40]}; a whole number from 0 was expected")
     if not isinstance(position, int) or not 0 <= position < ACROSS * ALONG:
-        raise InputError(f"{where}: positionID {position}; WILDTRACK's grid has {ACROSS} x {ALONG} points, from 0")
+        raise InputError(
+            f"{where}: positionID {position}; WILDTRACK's grid has the points 0 to {ACROSS * ALONG - 1}; correct it"
+        )
     edges = {
         int(view): {} if all(v == -1 for v in values) else dict(zip(EDGES.values(), map(repr, values), strict=True))
         for view, values in found.items()
@@ -462,18 +449,19 @@ def _check_order(folder: Path, lines: list[Line]) -> None:
 def _share_inside(order: Sequence[str], values: Floats) -> float:
     """Share, 0 to 1, of n boxes that are inside the image if the columns of `values` (n, K) mean `order`.
 
-    Coordinates are in shares of the image size.
+    Coordinates are in shares of the image size, and not checked yet: infinity and NaN are outside.
     """
     column = dict(zip(order, values.T, strict=False))
-    if "x" in column:
-        column["left"] = column["x"] - 0.5 * column["width"]
-        column["top"] = column["y"] - 0.5 * column["height"]
-    near = np.array([column["left"], column["top"]])
-    far = np.array(
-        [column["right"], column["bottom"]]
-        if "right" in column
-        else near + np.array([column["width"], column["height"]])
-    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        if "x" in column:
+            column["left"] = column["x"] - 0.5 * column["width"]
+            column["top"] = column["y"] - 0.5 * column["height"]
+        near = np.array([column["left"], column["top"]])
+        far = np.array(
+            [column["right"], column["bottom"]]
+            if "right" in column
+            else near + np.array([column["width"], column["height"]])
+        )
     return float(((near > -BEYOND) & (far < 1.0 + BEYOND) & (far > near)).all(axis=0).mean())
 
 
@@ -487,18 +475,7 @@ def _read(file: Path, frame: int) -> list[Line]:
     """
     if file.is_file() and file.stat().st_size == 0:
         return []
-    check_input(file, "labels of a frame")
-    if file.stat().st_size > MAX_LABEL_BYTES:
-        raise InputError(
-            f"{file}: {file.stat().st_size} bytes; labels of a frame were expected, at most {MAX_LABEL_BYTES}",
-            id="input-too-large",
-        )
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{file}: byte {error.start}: not UTF-8 text; labels of a frame were expected", id="wrong-encoding"
-        ) from None
+    text = bounded_text(file, "a text with the labels of a frame", limit=MAX_LABEL_BYTES, encoding="utf-8-sig")
     out: list[Line] = []
     seen: set[str] = set()
     for number, line in enumerate(text.splitlines(), start=1):

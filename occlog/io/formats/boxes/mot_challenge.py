@@ -40,7 +40,7 @@ SEQUENCE_INFO = "seqinfo.ini"
 Kind = Literal["tracks", "detections", "truth"]
 
 
-class SequenceInfo(NamedTuple):
+class WrittenSequence(NamedTuple):
     """Content of MOTChallenge's `seqinfo.ini` of a sequence.
 
     Attributes:
@@ -108,7 +108,7 @@ def mot_text(path: Path, boxes: Boxes, kind: Kind) -> str:
     return "".join(_lines(there, kind))
 
 
-def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overwrite: bool = False) -> None:
+def write_sequence(folder: Path, truth: TruthBoxes, info: WrittenSequence, *, overwrite: bool = False) -> None:
     """Write the true boxes of one camera as a MOTChallenge sequence: `gt/gt.txt` and `seqinfo.ini`.
 
     Args:
@@ -123,7 +123,10 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
     """
     last = int(truth.frame.max()) if len(truth) else -1
     if last >= info.frames:
-        raise InputError(f"{folder}: a box in frame {last}, but the last frame of the sequence is {info.frames - 1}")
+        raise InputError(
+            f"{folder}: truth has a box in frame {last}, but the last frame of the sequence is {info.frames - 1}; "
+            "remove it"
+        )
     with translate_write_errors(folder):
         (folder / "gt").mkdir(parents=True, exist_ok=True)
     write_mot(folder / "gt" / "gt.txt", truth, "truth", overwrite=overwrite)
@@ -154,7 +157,7 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
             id="ambiguous-input",
         )
     if len(boxes) and boxes.frame.min() < 0:
-        raise InputError(f"{path}: frame {int(boxes.frame.min())}; frames are numbered from 0")
+        raise InputError(f"{path}: frame {int(boxes.frame.min())}; frames are numbered from 0; correct it")
 
 
 def _check_identities(path: Path, boxes: Boxes) -> None:
@@ -165,8 +168,8 @@ def _check_identities(path: Path, boxes: Boxes) -> None:
     bad = np.flatnonzero(boxes.target_id < 0)
     if len(bad):
         raise InputError(
-            f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity; "
-            "leave it out, or write the boxes as detections",
+            f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity, which truth and tracks need; give it "
+            "one, or leave it out",
             id="missing-labels",
         )
     twice = np.flatnonzero((np.diff(boxes.frame) == 0) & (np.diff(boxes.target_id) == 0))
@@ -185,7 +188,7 @@ _NAME = re.compile(r"^[^\s/\\,:]{1,64}$")
 class MotSequence(NamedTuple):
     """True boxes and tracks of one camera as a MOTChallenge sequence, with the content of its `seqinfo.ini`."""
 
-    info: SequenceInfo
+    info: WrittenSequence
     truth: TruthBoxes
     tracks: Boxes
 

@@ -31,11 +31,10 @@ from .columns import (
     BoxReadOptions,
     BoxSource,
     check_columns,
-    rows_of,
+    chunks_of,
     stated_sizes,
 )
 
-ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 2**31
 BBOX = ("left", "top", "width", "height")
 LABEL_STUDIO = {"annotations", "annotation_id", "annotator", "lead_time"}
@@ -132,13 +131,12 @@ def _rows(
         ignore_extra: skip unknown keys instead of refusing them.
         skip: keys that are not used.
     """
-    for start in range(0, len(records), ROWS_PER_CHUNK):
-        part = records[start : start + ROWS_PER_CHUNK]
-        cells = [
-            (n, {**_cells(path, n, record, ignore_extra, skip), **known})
-            for n, (record, known) in enumerate(part, start=start + 1)
-        ]
-        yield check_columns(rows_of(path, cells, "entry", ()), camera)
+    cells = (
+        (n, {**_cells(path, n, record, ignore_extra, skip), **known})
+        for n, (record, known) in enumerate(records, start=1)
+    )
+    for rows in chunks_of(path, cells, "entry"):
+        yield check_columns(rows, camera)
 
 
 def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
@@ -302,9 +300,7 @@ def _categories(path: Path, categories: object) -> dict[object, str]:
 
 
 def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Iterator[CsvRows]:
-    ordered = sorted(records, key=lambda pair: int(pair[1]["frame"]))
-    for start in range(0, len(ordered), ROWS_PER_CHUNK):
-        yield rows_of(path, ordered[start : start + ROWS_PER_CHUNK], "annotation", ())
+    return chunks_of(path, sorted(records, key=lambda pair: int(pair[1]["frame"])), "annotation")
 
 
 def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
@@ -323,7 +319,8 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     found = last_number(Path(name).stem)
     if key is None and found is None:
         raise InputError(
-            f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame", id="missing-value"
+            f"{path}: image {n}: file_name {name!r} has no number of the frame; give each image a key frame with it",
+            id="missing-value",
         )
     number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:

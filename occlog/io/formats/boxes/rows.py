@@ -267,16 +267,7 @@ def fill_frames(
         yield from _blocks(chunk, table, cameras, done, end, times, ranges)
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-    empty = FileBoxRows(
-        frame=none,
-        camera=none,
-        target_id=none,
-        left=nothing,
-        top=nothing,
-        width=nothing,
-        height=nothing,
-        confidence=nothing,
-    )
+    empty = FileBoxRows(none, none, none, *[nothing] * 5)
     yield from _blocks(empty, table, cameras, done, max((each.stop for each in ranges), default=0), times, ranges)
 
 

@@ -296,7 +296,9 @@ def _rotation(matrix: Floats, mirrored: bool, where: str) -> Floats:
     off = float(np.abs(r @ r.T - np.eye(3)).max())
     if not off <= 1e-3:
         raise InputError(
-            f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001)", id="invalid-calibration"
+            f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001); write more digits, and "
+            "no scale",
+            id="invalid-calibration",
         )
     if np.linalg.det(r) < 0 and not mirrored:
         raise InputError(

@@ -19,7 +19,7 @@ from occlog.records.names import first_double
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 
-from .common import CALIBRATION, WHAT, CalibrationOptions
+from .common import CALIBRATION, WHAT, CalibrationOptions, keys_of
 from .readers import (
     arrays,
     colmap,
@@ -69,40 +69,10 @@ SAME_FOCAL, MIN_LENS_SHARE = 0.1, 0.005
 """Greatest relative difference of the focal lengths of cameras of one type, and the least offset by a distortion at the
 left and right borders that matters, by the width of the images."""
 
-OF_CAMERAS = (
-    *(
-        "dist",
-        "coef",
-        "tang",
-        "radial",
-        "skew",
-        "lens",
-        "fish",
-        "model",
-        "xi",
-        "alpha",
-        "focal",
-        "intr",
-        "matrix",
-        "cx",
-    ),
-    *("cy", "fx", "fy", "center", "centre", "princ", "proj", "rot", "trans", "tvec", "rvec", "pose", "extr", "quat"),
-    *(
-        "position",
-        "width",
-        "height",
-        "size",
-        "resol",
-        "scale",
-        "unit",
-        "roi",
-        "bin",
-        "crop",
-        "offset",
-        "shift",
-        "mirror",
-    ),
-    *("flip", "order", "convention", "axis", "axes", "hand"),
+OF_CAMERAS = keys_of(
+    "dist coef tang radial skew lens fish model xi alpha focal intr matrix cx cy fx fy center centre princ proj rot",
+    "trans tvec rvec pose extr quat position width height size resol scale unit roi bin crop offset shift mirror flip",
+    "order convention axis axes hand",
 )
 """Parts of the names of keys that may change a camera."""
 

@@ -100,7 +100,7 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
     InputError if there is none, or the scene lacks a length unit, an image size, or a pose that the format needs.
     """
     if not scene.cameras:
-        raise InputError(f"the scene has no camera; {format} describes cameras", id="too-few-sensors")
+        raise InputError(f"the scene has no camera, but {format} describes cameras; add one", id="too-few-sensors")
     if scene.length_unit not in METRES:
         raise InputError(
             f"lengths are in {scene.length_unit!r}, but {format} requires metres; state length_unit in the scene",

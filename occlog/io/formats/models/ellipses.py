@@ -206,8 +206,8 @@ def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[
                 found[key] = GivenEllipse(f"{path}", *key, int(c.frame[row]), c.ellipse[row])
     if rows and anonymous == rows:
         raise InputError(
-            f"{path}: its boxes have no identities, which {option('initial_ellipses')} requires; give them by "
-            f"{option('detections')}",
+            f"{path}: its boxes have no identities, which {option('initial_ellipses')} requires; give these boxes to "
+            f"{option('detections')} instead",
             id="wrong-content",
         )
     return list(found.values())

@@ -171,7 +171,8 @@ def _check_matrix(matrix: Floats, where: str) -> None:
         )
     if size[2] > 0.02 * size[1]:
         raise InputError(
-            f"{where}: the matrix is far from rank 2, which a fundamental matrix has", id="invalid-calibration"
+            f"{where}: the matrix is far from rank 2, which a fundamental matrix has; correct its numbers",
+            id="invalid-calibration",
         )
 
 

@@ -128,7 +128,8 @@ def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
     total = sum(each.stat().st_size for each in found)
     if total > MAX_WEIGHTS:
         raise InputError(
-            f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read", id="input-too-large"
+            f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read; give a smaller model",
+            id="input-too-large",
         )
     return tuple(found)
 
@@ -257,11 +258,11 @@ class _OnnxWalk:
             elif number in TYPED:
                 typed += _count(value, TYPED[number])
         if any(side > LONGEST_SIDE for side in sides):
-            raise _DamageError(f"weights {name[:40]!r} with a dimension beyond {LONGEST_SIDE}")
+            raise _DamageError(f"weights {name[:40]!r} have a dimension of {max(sides)}, limit {LONGEST_SIDE}")
         wanted = math.prod(sides)
         there = typed if typed else raw * 8 // BITS.get(kind, 1)
         if kind in BITS and not external and there != wanted:
-            raise _DamageError(f"weights {name[:40]!r} have {there} values where {wanted} were expected")
+            raise _DamageError(f"weights {name[:40]!r} have {there} values, but a shape of {wanted} values")
 
     def _entry(self, data: memoryview) -> tuple[str, str]:
         """Parse a StringStringEntryProto (key, value)."""

@@ -114,7 +114,7 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
     flat = len(spec.position) == 2
     until_s = math.inf if spec.until_s is None else spec.until_s
     if until_s < spec.from_s:
-        raise InputError(f"{where}: until_s is {until_s:g}, before from_s {spec.from_s:g}")
+        raise InputError(f"{where}: until_s is {until_s:g}, before from_s {spec.from_s:g}; correct one of them")
     for low, high in spec.silent:
         if not low < high:
             raise InputError(f"{where}: silent: [{low:g}, {high:g}] must go from an earlier time to a later one")
@@ -152,7 +152,9 @@ def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
             before = done[-1].from_s
         if start < before:
             what = "the segment before ends" if i else "the target starts"
-            raise InputError(f"{location}: starts at {start:g} s, but {what} at {before:g} s")
+            raise InputError(
+                f"{location}: starts at {start:g} s, but {what} at {before:g} s; correct from_s or until_s"
+            )
         end = s.until_s
         if end is None:
             following = spec.segments[i + 1].from_s if i + 1 < len(spec.segments) else None
@@ -169,7 +171,10 @@ def _segment(spec: SegmentSpec, start: float, end: float, flat: bool, where: str
             f"{where}: both lateral and acceleration are given; keep one, or make two segments", id="conflicting-values"
         )
     if spec.plane is not None and spec.lateral is None:
-        raise InputError(f"{where}: plane applies to a turn; give lateral too", id="missing-value")
+        raise InputError(
+            f"{where}: plane is only for a turn; give its acceleration across the path (lateral), or omit plane",
+            id="missing-value",
+        )
     if flat and spec.plane in ("yz", "zx"):
         raise InputError(
             f"{where}: a turn in the plane {spec.plane} needs a target with a height; give z in position",

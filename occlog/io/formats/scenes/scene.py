@@ -251,7 +251,7 @@ def _plain(value: object) -> object:
     """Python number for a NumPy scalar, for serialisation; TypeError for other values."""
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"a scene holds {value!r}, which is no number or text")
+    raise TypeError(f"a scene with {value!r} cannot be written as YAML; numbers and texts were expected")
 
 
 def scene_to_yaml(scene: Scene) -> str:
@@ -291,7 +291,10 @@ def _check_names(scene: Scene, source: str) -> None:
     for sensor, clock in ((s.name, s.clock) for s in scene.sensors):
         if clock is not None and clock not in clocks:
             known = ", ".join(sorted(clocks)) or "none"
-            raise InputError(f"{source}: {sensor}: clock {clock!r} is not defined; clocks: {known}", id="unknown-name")
+            raise InputError(
+                f"{source}: {sensor}: clock {clock!r} is not defined; define it in clocks, or name one of: {known}",
+                id="unknown-name",
+            )
 
 
 def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
@@ -306,7 +309,7 @@ def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
         sound = polygon.is_valid and 0.0 < polygon.area < math.inf
         why = "" if sound else explain_validity(polygon)
     if not sound:
-        raise InputError(f"{where}: not a simple polygon with an area ({why}); list the corners in turn")
+        raise InputError(f"{where}: not a simple polygon with an area ({why}); list the corners in order around it")
     points = np.asarray(corners, dtype=np.float64)
     return points if polygon.exterior.is_ccw else points[::-1].copy()
 
@@ -357,7 +360,9 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
     coefficients = np.zeros(COEFFICIENTS[spec.model])
     if len(spec.coefficients) > len(coefficients):
         raise InputError(
-            f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has {len(coefficients)}",
+            f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has at most "
+            f"{len(coefficients)}; "
+            "omit those beyond, or name another model",
             id="invalid-calibration",
         )
     coefficients[: len(spec.coefficients)] = spec.coefficients

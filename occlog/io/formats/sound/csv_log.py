@@ -172,7 +172,7 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
         return np.full(len(rows), options.sensor)
     if not rows.has("sensor"):
         raise InputError(
-            f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}",
+            f"{rows.path}: has no column sensor; add it, or name the microphone array: ARRAY={rows.path.name}",
             id="camera-not-named",
         )
     return rows.cells["sensor"]
@@ -189,7 +189,10 @@ def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
     if not found:
         return np.full(len(rows), np.nan)
     if len(found) > 1:
-        raise InputError(f"{rows.path}: two columns are called {name}; keep one", id="duplicate-name")
+        raise InputError(
+            f"{rows.path}: columns {' and '.join(name + unit for unit in found)} both state the {name}; keep one",
+            id="duplicate-name",
+        )
     unit = found[0].removeprefix("_") or options.unit
     if unit is None:
         raise UsageError(

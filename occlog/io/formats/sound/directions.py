@@ -203,14 +203,5 @@ def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], firs
 
 def _table(rows: DoaRows, sensor: Strings, azimuth: Floats) -> Doa:
     order = np.lexsort((rows.source_id, sensor, rows.t_ns))
-    values = {
-        "t_ns": rows.t_ns,
-        "sensor": sensor,
-        "source_id": rows.source_id,
-        "azimuth": azimuth,
-        "elevation": rows.elevation,
-        "sigma_azimuth": rows.sigma_azimuth,
-        "sigma_elevation": rows.sigma_elevation,
-        "confidence": rows.confidence,
-    }
-    return Doa.of(**{name: column[order] for name, column in values.items()})
+    values = rows._asdict() | {"sensor": sensor, "azimuth": azimuth}
+    return Doa.of(**{c.name: values[c.name][order] for c in Doa.columns()})

@@ -76,7 +76,9 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
     missing = [c for c in (*ROTATION, *columns) if c not in head]
     if missing or not numbers:
         raise InputError(
-            f"{path}: has no column {(missing or ['mic1_x'])[0]}; {LOCATA_TABLE} of an array was expected",
+            f"{path}: has no column {(missing or ['mic1_x'])[0]}; a microphone array of LOCATA "
+            "(position_array_NAME.txt) "
+            "was expected",
             id="missing-column",
         )
     parts = list(_locata_rows(path, (*PLACE, *ROTATION, *columns)))
@@ -158,7 +160,9 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
     off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
     if len(bad):
-        raise InputError(f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation matrix")
+        raise InputError(
+            f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation matrix; correct them"
+        )
 
 
 def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
@@ -178,7 +182,8 @@ def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> N
         k = int(bad[0])
         raise InputError(
             f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
-            f"since the first line (limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); arrays must stand still",
+            f"since the first line (limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); moving arrays cannot be "
+            "used",
             id="not-applicable",
         )
 
@@ -221,6 +226,13 @@ _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
+def _array_of(path: Path, options: DoaOptions) -> str:
+    """Name of the array of a log that names none, as the options state it; UsageError if they do not."""
+    if options.sensor is None:
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    return options.sensor
+
+
 def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Yield the estimates of one algorithm in FRIDA's file; recording k (from 0) gets the time k seconds.
 
@@ -235,8 +247,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     Raises:
         UsageError: the array or the algorithm is not stated, or does not exist.
     """
-    if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    sensor = _array_of(path, options)
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
     for part in read_format(path, FRIDA):
@@ -252,10 +263,12 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
             continue
         t_ns = options.start_ns + number[kept].astype(np.int64) * NS
         azimuth = np.radians(part["estimate"][kept])
-        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
+        yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), sensor), azimuth)
     if options.algorithm is not None and options.algorithm not in algorithms:
         raise UsageError(
-            f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}", id="unknown-name"
+            f"{path}: has no algorithm {options.algorithm!r} ({option('doa_algorithm')}); choose one of "
+            f"{', '.join(algorithms)}",
+            id="unknown-name",
         )
 
 
@@ -371,7 +384,8 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         )
     if len(plain[0].cells) not in (2, 3):
         raise InputError(
-            f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected", id="unknown-format"
+            f"{path}: {len(plain[0].cells)} columns; x, y and perhaps z of direction finders were expected",
+            id="unknown-format",
         )
     positions = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
     positions = np.column_stack([positions, np.zeros((len(positions), 3 - positions.shape[1]))])
@@ -421,8 +435,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         UsageError: the hop or the array is not stated.
         InputError: an object is not what ODAS writes; with the line.
     """
-    if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
+    sensor = _array_of(path, options)
     if options.hop is None:
         raise UsageError(
             f"{path}: its timeStamp counts hops; state the hop [s] ({option('odas_hop')}), "
@@ -445,10 +458,10 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         idle, above = idle + len(sources) - len(heard), above + len(heard) - len(level)
         rows += [(hop.line, t_ns, *source) for source in level]
         if len(rows) >= ROWS_PER_CHUNK:
-            yield _odas_rows(rows, options.sensor)
+            yield _odas_rows(rows, sensor)
             rows = []
     if rows:
-        yield _odas_rows(rows, options.sensor)
+        yield _odas_rows(rows, sensor)
     if idle:
         note_once(
             f"note: {path}: {idle} directions without activity left out: ODAS predicted them without hearing a source"
@@ -469,7 +482,9 @@ def parse_hop(text: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         value = Fraction(0)
     if not 0 < value <= 10:
-        raise UsageError(f"hop {text!r}: expected seconds above 0 and at most 10, for example 0.008 or 128/16000")
+        raise UsageError(
+            f"{option('odas_hop')} {text}: expected seconds above 0 and at most 10, for example 0.008 or 128/16000"
+        )
     return value
 
 
@@ -550,9 +565,9 @@ def _check(path: Path, line: int, found: object) -> _OdasObject:
         raise _malformed(path, line, f"a JSON {type(found).__name__}")
     count, sources = found.get("timeStamp"), found.get("src")
     if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_COUNT:
-        raise InputError(f"{path}: line {line}: timeStamp is {count!r}; a count of hops from 0 was expected")
+        raise InputError(f"{path}: line {line}: timeStamp is {count!r}; a number of hops, 0 or more, was expected")
     if not isinstance(sources, list) or not all(isinstance(s, dict) for s in sources):
-        raise InputError(f"{path}: line {line}: src is not a list of sources")
+        raise InputError(f"{path}: line {line}: src is not a list of JSON objects, one for each source; correct it")
     return _OdasObject(line, count, sources)
 
 
@@ -588,16 +603,7 @@ def _number(path: Path, hop: _OdasObject, source: dict[str, object], key: str) -
 
 
 def _odas_rows(rows: list[tuple[int, int, int, float, float, float]], sensor: str) -> DoaRows:
-    line, t_ns, identity, azimuth, elevation, confidence = zip(*rows, strict=True)
-    unknown = np.full(len(rows), np.nan)
-    return DoaRows(
-        line=np.array(line, dtype=np.int64),
-        t_ns=np.array(t_ns, dtype=np.int64),
-        sensor=np.full(len(rows), sensor),
-        source_id=np.array(identity, dtype=np.int64),
-        azimuth=np.array(azimuth, dtype=np.float64),
-        elevation=np.array(elevation, dtype=np.float64),
-        sigma_azimuth=unknown,
-        sigma_elevation=unknown,
-        confidence=np.array(confidence, dtype=np.float64),
-    )
+    line, t_ns, identity = np.array([row[:3] for row in rows], dtype=np.int64).T
+    azimuth, elevation, confidence = np.array([row[3:] for row in rows], dtype=np.float64).T
+    found = azimuths_only(line, t_ns, np.full(len(rows), sensor), azimuth)
+    return found._replace(source_id=identity, elevation=elevation, confidence=confidence)

@@ -192,7 +192,7 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
                 long_length = struct.unpack("<Q", body[8:16])[0]
             length -= len(body)
         file.seek(length + padding, os.SEEK_CUR)
-    raise InputError(f"{path}: has no samples (no `data`); the file is cut off or damaged", id="empty-input")
+    raise InputError(f"{path}: has no samples (no `data`); it is cut off or damaged, copy it again", id="empty-input")
 
 
 def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
@@ -220,6 +220,7 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
         )
     if not 1 <= channels <= MAX_CHANNELS or not 1 <= rate <= MAX_RATE:
         raise InputError(
-            f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged", id="damaged-file"
+            f"{path}: {channels} channels at {rate} Hz are impossible; the header is damaged, copy the file again",
+            id="damaged-file",
         )
     return channels, rate, bits, tag == FLOAT

@@ -123,7 +123,7 @@ class ForkServer:
             for pipe in (forked.stdin, forked.stdout):
                 pipe.close()
             line.close()
-            raise OSError("the process that forks decoders has ended")
+            raise OSError("the process that starts the decoders of video has ended; run the command again")
         forked.pid = _NUMBER.unpack(reported)[0]
         return forked
 

@@ -72,7 +72,10 @@ class SharedImages:
         """
         count = int(np.prod(shape))
         if not (0 <= slot < self._slots and 0 < count <= self.size) or slot in self._held:
-            raise InputError("the decoder returned an image that does not fit its memory", id="damaged-file")
+            raise InputError(
+                "the decoder returned an image larger than its frames; the video is damaged, copy or repair it",
+                id="damaged-file",
+            )
         image = np.frombuffer(self._memory, np.uint8, count, slot * self.size).reshape(shape)
         self._held.add(slot)
         if len(self._held) - len(self._freed) >= self._slots:

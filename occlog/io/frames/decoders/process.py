@@ -128,7 +128,7 @@ class Decoder:
         try:
             message = self._receive()
         except InputError as error:
-            raise InputError(f"{where}: {error}") from None
+            raise InputError(f"{where}: {error}") from error
         if message is None:
             raise InputError(f"{where}: the decoder {self._death()}", id="damaged-file")
         header, payload = message
@@ -200,7 +200,7 @@ class Decoder:
             if message is None:
                 if last is None:
                     raise InputError(
-                        f"{self.path}: the decoder {self._death()} before the first frame; repair the file",
+                        f"{self.path}: the decoder {self._death()} before the first frame; copy or repair the file",
                         id="damaged-file",
                     )
                 self.death = self._death()

@@ -247,7 +247,8 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
         del picture, data
     if not delivered:
         raise InputError(
-            f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}", id="damaged-file"
+            f"{job['path']}: none of its images can be used; first: {losses[0] if losses else 'none'}",
+            id="damaged-file",
         )
 
 
@@ -272,7 +273,9 @@ def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image
             return decode_image(data, file.name), data
         except (OSError, InputError) as error:
             reason = reason or str(error)
-    raise InputError(f"{job['path']}: not one image can be decoded ({reason})", id="damaged-file")
+    raise InputError(
+        f"{job['path']}: none of its images can be decoded ({reason}); copy or convert them", id="damaged-file"
+    )
 
 
 def _deliver(

@@ -69,7 +69,7 @@ class Target:
         ok = a.ndim == 2 and a.shape[1:] == (APPEARANCE_BINS,) and len(a) > 0 and np.isfinite(a).all()
         if not (ok and (a >= 0).all() and np.allclose(a.sum(axis=1), 1.0, atol=1e-3)):
             raise InputError(
-                f"target {self.target_id}: an appearance must be {APPEARANCE_BINS} numbers of at least 0 "
+                f"target {self.target_id}: each appearance must be {APPEARANCE_BINS} numbers of at least 0 "
                 f"that sum to 1; got an array of shape {a.shape}"
             )
 
@@ -78,7 +78,9 @@ def check_targets(targets: Sequence[Target]) -> None:
     """UsageError where two targets have the same identity."""
     ids = [t.target_id for t in targets]
     if len(set(ids)) < len(ids):
-        raise UsageError(f"detect: target ids {ids} repeat; give each target its own", id="duplicate-name")
+        raise UsageError(
+            f"detect: two targets have the same number ({ids}); give each target its own", id="duplicate-name"
+        )
 
 
 @dataclass
@@ -321,7 +323,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if sizes is None:
         raise InputError(
             f"camera {camera.name}: the size of people in its images is unknown (no pose in an upright world with a "
-            f"known unit, no earlier detections); give their height in pixels ({option('person_height_px')})",
+            f"known unit); give their height in pixels ({option('person_height_px')})",
             id="missing-unit",
         )
     sizes = downscale_sizes(sizes, factor)
@@ -416,7 +418,9 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
     if image.ndim == 3 and image.shape[2] in (1, 4):
         image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
-        raise InputError(f"image of shape {image.shape} is neither grey nor colour", id="unsupported-format")
+        raise InputError(
+            f"image of shape {image.shape} is neither grey (H, W) nor colour (H, W, 3)", id="unsupported-format"
+        )
     if image.dtype == np.uint16:
         if bits is None:
             raise InputError(
@@ -425,7 +429,9 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
             )
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
-        raise InputError(f"image of {image.dtype}: expected 8 or 16 bits", id="unsupported-format")
+        raise InputError(
+            f"image of {image.dtype}: unsigned integers of 8 or 16 bits were expected", id="unsupported-format"
+        )
     return np.ascontiguousarray(image)
 
 

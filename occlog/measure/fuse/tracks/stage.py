@@ -162,7 +162,9 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
     """
     for group in groups:
         if np.isfinite(group.z).any():
-            raise InputError("tracks in space cannot be fused; give tracks on the ground", id="not-applicable")
+            raise InputError(
+                "tracks with heights (column z) cannot be fused; give tracks on the ground", id="not-applicable"
+            )
     window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
     times = step_times(groups, window_ns)
     first, *later = (at_times(group, times, window_ns, round(config.max_gap_s * 1e9)) for group in groups)

@@ -41,9 +41,7 @@ class NavigateConfig(FieldSettings):
         0.0, "Radius r_o of tracked people.", unit="length", people=0.25, at_least=0
     )
     inflation_sigmas: float = setting(
-        0.0,
-        "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.",
-        at_least=0,
+        0.0, "Standard deviations of a track, along its widest axis, by which its obstacle is enlarged.", at_least=0
     )
     max_gap_s: float = setting(
         1.0, "Maximum gap between two rows of a track to interpolate.", unit="s", at_least=0, at_most=1e9
@@ -78,7 +76,11 @@ class NavigateConfig(FieldSettings):
     )
     walls: bool = setting(True, "The walls of the room repel too.", option="--walls/--no-walls")
     goal_tolerance: float | None = option_setting(
-        None, "Distance from the goal at which it is reached.", unit="length", above=0, nothing="the length of a step"
+        None,
+        "Distance from the goal, in the scene's unit, at which it is reached.",
+        unit="length",
+        above=0,
+        nothing="the length of a step",
     )
     max_steps: int = option_setting(2000, "Maximum number of steps.", at_least=1, at_most=10_000_000)
 

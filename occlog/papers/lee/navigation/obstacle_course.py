@@ -22,7 +22,7 @@ from occlog.core.navigation.obstacles import (
 )
 from occlog.core.navigation.steering import NearbyObstacles
 from occlog.core.plane import inside_polygon, pack_polygons
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import Scene
 from occlog.scans.occluder_priors import PeopleAsObstacles
 
@@ -145,13 +145,16 @@ class Course:
             if away < 0.0:
                 raise InputError(f"{at} is inside {self.names[worst]}; give a position on the floor")
             raise InputError(
-                f"{at} is {away:.4g} from {self.names[worst]}; expected more than the robot's radius {config.radius:g}"
+                f"{at} is {away:.4g} from {self.names[worst]}; expected more than the robot's radius "
+                f"{config.radius:g}: move it"
             )
         if self.round_shapes and len(self.circles):
             separation = distance(here, self.circles[:, :2]) - self.circles[:, 2]
             if separation.min() <= 0.0:
                 name = self.names[len(self.discs) + int(np.argmin(separation))]
-                raise InputError(f"{at} is inside the circle about {name}, which repels robots; take shape polygon")
+                raise InputError(
+                    f"{at} is inside the circle about {name}, which repels robots; give {option('shape')} polygon"
+                )
 
 
 def people_of(config: NavigateConfig) -> PeopleAsObstacles:

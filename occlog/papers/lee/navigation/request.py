@@ -36,17 +36,30 @@ class NavigateRequest(Request):
 
     scene: Path = source("A scene, or a recording that holds one.", argument=True)
     start: tuple[float, ...] = setting(
-        MISSING, "Start position of the robot.", unit="length", counts=(2,), option="--from", metavar="X,Y", shown=""
+        MISSING,
+        "Start position X,Y of the robot, in the scene's unit.",
+        unit="length",
+        counts=(2,),
+        option="--from",
+        metavar="X,Y",
+        shown="",
     )
     goal: tuple[float, ...] = setting(
-        MISSING, "Goal position of the robot.", unit="length", counts=(2,), option="--to", metavar="X,Y", shown=""
+        MISSING,
+        "Goal position X,Y of the robot, in the scene's unit.",
+        unit="length",
+        counts=(2,),
+        option="--to",
+        metavar="X,Y",
+        shown="",
     )
-    output: Path = output_file("The path (Parquet).", "robot_path")
+    output: Path = output_file("The path of the robot, a row for each step (Parquet).", "robot_path")
     picture: Path | None = sink("Also draw the path in the scene (PNG).")
-    obstacles: Path | None = source("Moving people to avoid: tracks, or a recording with truth.")
+    obstacles: Path | None = source("Moving people to avoid: tracks (Parquet), or a recording with truth.")
     disc_obstacles: tuple[str, ...] = setting(
         (),
-        "Round obstacle in addition to those of the scene; may be repeated.",
+        "Round obstacle X,Y[,RADIUS] (in the scene's unit; radius 0 if omitted) in addition "
+        "to those of the scene; may be repeated.",
         option="--obstacle",
         metavar="X,Y[,RADIUS]",
         repeat=True,
@@ -55,7 +68,7 @@ class NavigateRequest(Request):
     )
     start_delay_s: float = setting(
         0.0,
-        "Start this long after the first row of --obstacles.",
+        "Start the robot this many seconds after the first row of --obstacles.",
         unit="s",
         at_least=0,
         option="--start-delay",

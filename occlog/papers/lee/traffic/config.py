@@ -27,7 +27,9 @@ class TrafficConfig(Settings):
         metavar="A,B",
     )
     image_kb: tuple[float, ...] = option_setting(
-        (40.0,), "Size of a camera's image, in units of 1000 bytes.", metavar="A,B,..."
+        (40.0,),
+        "Size of a camera's image, in units of 1000 bytes. Several sizes are simulated one by one.",
+        metavar="A,B,...",
     )
     objects_share: tuple[float, ...] = option_setting(
         (0.1,),
@@ -37,7 +39,8 @@ class TrafficConfig(Settings):
     )
     channel: str | None = option_setting(
         None,
-        "Shared resource of the links between routers: one channel, a radio at each node, or nothing.",
+        "Shared resource of the links between routers: one channel (shared), a radio at each node (node), or nothing "
+        "(link).",
         choices=CHANNELS,
         nothing="as stated in the network",
     )

@@ -28,5 +28,8 @@ class TrafficRequest(Request):
     RUN: ClassVar[str] = "occlog.papers.lee.traffic.run:run_traffic"
 
     network: Path = source("The network (YAML).", argument=True)
-    output: Path = output_file("Delays (Parquet).", "delays")
+    output: Path = output_file(
+        "Delay of each simulated message, and of each router from a detection to the last final estimate (Parquet).",
+        "delays",
+    )
     settings: Mapping[str, object] = group(lambda: TrafficConfig)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from occlog.errors import InputError
-from occlog.settings import Settings, declared, setting
+from occlog.settings import Settings, declared, option_setting, setting
 from occlog.track.smoothing_and_lag import SmoothingConfig
 
 FORMS = ("printed", "improved", "quadrature")
@@ -27,12 +27,11 @@ class ApfConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "apf"
 
-    particles: int = setting(
+    particles: int = option_setting(
         1000,
         "Particles per target. More reduce the Monte Carlo error and take time in proportion; raise it when "
         "`depleted` is flagged. Typical 500 to 5000.",
         at_least=1,
-        option="--particles",
     )
     start: tuple[float, ...] | None = setting(
         None,
@@ -277,13 +276,12 @@ class SelectConfig(Settings):
         option="--select",
         shown="use all",
     )
-    n_cameras: int = setting(4, "Number of selected cameras.", at_least=1, option="--n-cameras")
-    selection_interval: float = setting(
+    n_cameras: int = option_setting(4, "Number of selected cameras.", at_least=1)
+    selection_interval: float = option_setting(
         5.0,
         "Interval between selections, in reference steps (--set reference_step_s, 1 s). Longer intervals save messages "
         "and lose targets that leave the views.",
         above=0,
-        option="--selection-interval",
         metavar="STEPS",
     )
     model: str = setting(
@@ -292,19 +290,17 @@ class SelectConfig(Settings):
         choices=("perspective", "weak"),
         option="--select-model",
     )
-    camera_order: tuple[str, ...] = setting(
+    camera_order: tuple[str, ...] = option_setting(
         (),
         "Camera order for --select fixed.",
-        option="--camera-order",
         metavar="A,B,...",
         shown="that of the scene",
     )
-    max_blind_scans: int = setting(
+    max_blind_scans: int = option_setting(
         1,
         "Reselect after this many consecutive scans in which fewer than two selected cameras detect the target; 0: "
         "only at the interval. For greedy and brute-force without occluder priors.",
         at_least=0,
-        option="--max-blind-scans",
         metavar="SCANS",
     )
 

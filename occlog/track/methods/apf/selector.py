@@ -99,7 +99,8 @@ def network(
         unknown = [n for n in config.camera_order if n not in names]
         if unknown:
             raise UsageError(
-                f"select: order: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}", id="unknown-sensor"
+                f"{option('camera_order')}: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}",
+                id="unknown-sensor",
             )
         order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)
         if config.policy == "fixed" and len(set(order)) < config.n_cameras:

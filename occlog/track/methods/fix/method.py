@@ -132,7 +132,9 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
     config = state.config
     if config.estimator != MIXTURE:
         raise UsageError(
-            f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}", id="not-applicable"
+            f"estimator {config.estimator} takes bearings alone; with ranges, signal strengths or "
+            f"time differences use estimator={MIXTURE}",
+            id="not-applicable",
         )
     if len(rows) + len(distances.kind) < 2:
         return None

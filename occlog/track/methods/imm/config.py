@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import listed, setting
+from occlog.settings import listed, option_setting, setting
 from occlog.track.smoothing_and_lag import SmoothingConfig
 
 POLICIES = ("none", "periodic", "printed", "count", "spread")
@@ -22,12 +22,11 @@ class ImmConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "imm"
 
-    particles: int = setting(
+    particles: int = option_setting(
         2000,
         "Particles per target; each is moved under all three motion models. More reduce the Monte Carlo error and "
         "take time in proportion.",
         at_least=1,
-        option="--particles",
     )
     start: tuple[float, ...] | None = setting(
         None, "Known initial states: X, Y, SIGMA, VX, VY, SIGMA_V per target.", unit="length", nothing="none"
@@ -115,12 +114,11 @@ class ImmConfig(SmoothingConfig):
     walls: bool = setting(True, "Keep targets inside the room of the scene, if it has one.")
 
     # Cooperation with cameras, [Lee] Sec. 3.3
-    cooperate: str = setting(
+    cooperate: str = option_setting(
         "none",
         f"Policies that request camera frames of targets: {', '.join(POLICIES)}; several separated by commas.",
         choices=POLICIES,
         several=True,
-        option="--cooperate",
         metavar="POLICY",
     )
     period_s: float = setting(10.0, "Period of `periodic` requests.", unit="s", at_most=1e9, above=0)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 from occlog.track.smoothing_and_lag import SmoothingConfig
 
 PLANES = ("xy", "yz", "zx")
@@ -22,11 +22,10 @@ class SpaceConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "space"
 
-    particles: int = setting(
+    particles: int = option_setting(
         2000,
         "Particles per target, or per plane. More reduce the Monte Carlo error and take time in proportion.",
         at_least=1,
-        option="--particles",
     )
     start: tuple[float, ...] | None = setting(
         None,

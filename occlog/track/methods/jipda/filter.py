@@ -66,12 +66,12 @@ from .interface import (
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
-from .kernels.lasting_errors.body_bias import body_bias_shift
+from .kernels.lasting_errors.bias_effects import bias_effects
 from .kernels.lasting_errors.camera_disagreement import camera_disagreement
 from .kernels.lasting_errors.clock_residuals import clock_residuals
 from .kernels.lasting_errors.pose_residuals import pose_residuals
 from .kernels.track_initiation import BirthIntensity, initiate_targets
-from .lasting_errors.body_bias import bias_information, with_body_bias
+from .lasting_errors.body_bias import bias_information, with_biases
 from .lasting_errors.clock_offset import ClockStatistics, prior_clocks, update_clocks
 from .lasting_errors.common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .lasting_errors.pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
@@ -176,6 +176,7 @@ class JipdaState:
     clocks: ClockStatistics
     poses: PoseStatistics
     body_bias: float  # information on it
+    sigma_pose: Floats  # (C, 2) standard deviations of the stated poses: coordinates [scene unit], angles [rad]
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
@@ -219,6 +220,9 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         clocks=prior_clocks(len(cameras)),
         poses=prior_poses(views),
         body_bias=0.0,
+        sigma_pose=np.array(
+            [(c.sigma_position, c.sigma_yaw) if isinstance(c, Camera) else (0.0, 0.0) for c in cameras]
+        ),
         seeds={},
     )
 
@@ -442,13 +446,15 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     visible[boxes.camera, :N] = result.visible
     beta = beta[rows[shown]] * kept.existence[shown, None]
     joint = np.concatenate([result.joint, np.zeros_like(used)])[rows[shown]] * kept.existence[shown, None]
-    shift, share = body_bias_shift(kept.mean[shown], kept.covariance[shown], state.views, rates)
+    shift, share, from_poses = bias_effects(
+        kept.mean[shown], kept.covariance[shown], state.views, rates, state.sigma_pose
+    )
     body_bias = state.body_bias + bias_information(share, min(dt, MAX_PREDICTION_TO_LEARN_S))
     snapshot = TrackSnapshot(
         t_ns=t_ns,
         ids=kept.id[shown],
         mean=kept.mean[shown],
-        covariance=with_body_bias(kept.covariance[shown], shift, body_bias),
+        covariance=with_biases(kept.covariance[shown], shift, body_bias, from_poses),
         existence=real[rows[shown]],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import setting
+from occlog.settings import option_setting, setting
 from occlog.track.methods.kalman.config import WalkConfig
 from occlog.track.smoothing_and_lag import LagConfig
 
@@ -16,11 +16,10 @@ class JointConfig(LagConfig, WalkConfig):
 
     OWNER: ClassVar[str] = "joint"
 
-    particles: int = setting(
+    particles: int = option_setting(
         1000,
         "Particles, each with the states of all objects. The number needed grows fast with the number of objects.",
         at_least=2,
-        option="--particles",
     )
     detection_probability: float = setting(0.99, "Detection probability P_D of an unoccluded object.", above=0, below=1)
     false_alarm_probability: float = setting(

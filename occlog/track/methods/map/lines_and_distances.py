@@ -35,7 +35,7 @@ from .kernels.invariant import second_moment
 from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles
 from .kernels.problem import QuadraticPriors
 from .kernels.terms import priors_cost
-from .occlusion import OccluderTerms
+from .occlusion import OccluderCostTerms
 from .record import TargetRecord
 from .search.problem_of_record import Pending, problem_of
 from .search.robust import RivalMode, RobustSearchResult, Watch, has_converged, search_from
@@ -217,7 +217,7 @@ def _once(
     """
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
-    occlusion = OccluderTerms(np.zeros(len(path.agree)), hints)
+    occlusion = OccluderCostTerms(np.zeros(len(path.agree)), hints)
     return search_from(pending, record, around, watch, path, (1.0, 1.0), among=occlusion)
 
 

@@ -45,7 +45,7 @@ MIN_CAVITY_SHARE = 1e-6
 """Minimum share of the state's information that must come from other sources for priors of occluders to be used."""
 
 
-class OccluderTerms(NamedTuple):
+class OccluderCostTerms(NamedTuple):
     """What moving occluders add to the cost of a trajectory with N bearings and T states.
 
     `lean` (N,) is added to the log odds that each bearing is true, at most 0; `hints` are quadratic terms of the
@@ -57,8 +57,8 @@ class OccluderTerms(NamedTuple):
 
 
 def occlusion_terms(
-    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderTerms | None
-) -> OccluderTerms:
+    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderCostTerms | None
+) -> OccluderCostTerms:
     """Compute the terms of moving occluders along a trajectory, by expectation propagation at each time with priors.
 
     Args:
@@ -111,7 +111,7 @@ def occlusion_terms(
         # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
         made.append((t, *(site if reported is None else _between(reported, site))))
-    return OccluderTerms(lean, _hints(made))
+    return OccluderCostTerms(lean, _hints(made))
 
 
 def _detection(pending: Pending, i: int) -> float:

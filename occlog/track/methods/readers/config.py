@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 from occlog.track.smoothing_and_lag import LagConfig
 
 PARTICLES, SMOOTHED_PARTICLES = 1000, 5000
@@ -18,19 +18,17 @@ PARTICLES, SMOOTHED_PARTICLES = 1000, 5000
 class RefineConfig(Settings):
     """Settings of the refinement of tag positions by cameras: which cameras, how, and which of their bearings."""
 
-    refine: tuple[str, ...] | None = setting(
+    refine: tuple[str, ...] | None = option_setting(
         None,
         "Cameras that refine tag positions.",
-        option="--refine",
         metavar="CAM,CAM",
         nothing="none",
     )
-    refine_method: str = setting(
+    refine_method: str = option_setting(
         "rays",
         "Refinement: triangulation with the tag position as prior (rays); as published by planes through the "
         "position (printed-1, [Lee] Eq. 5.39), or with its depth corrected (parallel, Eq. 5.40).",
         choices=("rays", "parallel", "printed-1"),
-        option="--refine-method",
     )
     max_frame_age_s: float = setting(0.5, "Maximum time between frame and read.", unit="s", at_least=0, at_most=1e6)
     gate: float = setting(3.0, "Gate in standard deviations for assigning an unlabelled candidate to a tag.", above=0)

@@ -154,13 +154,17 @@ class ReadsInput:
         self.readers = choose_readers(self.scene, request)
         self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns
         if self.window_ns <= 0:
-            raise UsageError("a window of 0 s holds too few reads; give one above 0 s", id="invalid-setting")
+            raise UsageError(
+                f"{option('window')}: a window of 0 s holds too few reads; give one above 0 s", id="invalid-setting"
+            )
         self._known = None if request.path_loss is None else self._path_loss(request.path_loss)
         self._chunks = self._checked(opened.rows(Reads))
         first = next(self._chunks, None)
         if first is None:
             raise InputError(
-                f"{request.bearings}: holds no reads of the chosen tags and readers; choose others", id="empty-input"
+                f"{request.bearings}: holds no reads of the chosen tags and readers; choose others "
+                f"({option('target')}, {option('cameras')}, {option('without')})",
+                id="empty-input",
             )
         self.first_ns = int(first.t_ns[0])
         self._chunks = chain([first], self._chunks)
@@ -199,13 +203,16 @@ class ReadsInput:
         spec = read_path_loss(path)
         if spec.length_unit != self.scene.length_unit:
             raise UsageError(
-                f"{path}: is in {spec.length_unit}, but the scene in {self.scene.length_unit}; fit it in this scene",
+                f"{path}: lengths are in {spec.length_unit}, but the scene's in "
+                f"{self.scene.length_unit}; fit path losses in this scene (`occlog fit-readers`)",
                 id="unit-mismatch",
             )
         known = {r.name for r in spec.readers}
         if (missing := next((r.name for r in self.readers if r.name not in known), None)) is not None:
             raise InputError(
-                f"{path}: has no reader {missing}; fit it to reads of all readers, or leave it out", id="unknown-sensor"
+                f"{path}: has no path loss of reader {missing}; fit it to reads of all readers, or "
+                f"exclude this reader ({option('without')})",
+                id="unknown-sensor",
             )
         return spec
 
@@ -236,8 +243,9 @@ class ReadsInput:
             return reader.range
         if usual is None:
             raise InputError(
-                f"{self.request.bearings}: how far reader {reader.name} reads is not known; state it in the table of "
-                "readers (range), in the setting reader_range, or fit it with `occlog fit-readers`",
+                f"{self.request.bearings}: how far reader {reader.name} reads is not known; state "
+                f"range in the scene, set reader_range, or give {option('path_loss')} of `occlog "
+                "fit-readers`",
                 id="missing-value",
             )
         return usual
@@ -292,7 +300,8 @@ class ReadsInput:
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.refine_method != "rays" and len(cameras) != 2:
             raise UsageError(
-                f"{config.refine_method} requires two cameras to refine, got {len(cameras)}; use refine_method=rays",
+                f"{option('refine_method')} {config.refine_method} requires exactly two cameras to refine, got "
+                f"{len(cameras)}; name two, or use {option('refine_method')} rays",
                 id="too-few-sensors",
             )
         remedy = f"give bearings of the cameras that refine ({option('refine_bearings')})"
@@ -304,7 +313,7 @@ class ReadsInput:
         known = tuple(c.name for c in self.scene.cameras if c.placed)
         if name not in known:
             raise UsageError(
-                f"no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}",
+                f"refine: no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}",
                 id="unknown-sensor",
             )
         return self.scene.camera(name)
@@ -328,7 +337,10 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
     """
     known = tuple(r.name for r in scene.readers)
     if not known:
-        raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has", id="too-few-sensors")
+        raise InputError(
+            f"{request.bearings}: its scene has no readers; give a scene that has ({option('scene')})",
+            id="too-few-sensors",
+        )
     for name in (*request.cameras, *request.without):
         if name not in known:
             raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
@@ -354,7 +366,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
     """Raise UsageError if one of `names`, which the path-loss file states, is among the settings `given`, too."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(
-            f"the file of path losses and the setting {twice} state the same quantity; give one of them",
+            f"{option('path_loss')} and {option(f'set.{twice}')} state the same quantity; give one of them",
             id="conflicting-options",
         )
 

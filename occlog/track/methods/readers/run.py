@@ -8,7 +8,7 @@ import numpy as np
 
 from occlog import console
 from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
@@ -97,7 +97,11 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
         parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.refine_method
     else:
         if request.virtual_sensors is not None:
-            raise UsageError(f"method {request.method} has no virtual sensors to write", id="not-applicable")
+            raise UsageError(
+                f"{option('virtual_sensors')}: method {request.method} has no virtual sensors to "
+                "write; leave it out, or use method virtual",
+                id="not-applicable",
+            )
         rssi, tag_model = inputs.rssi()
         tracked = track_rssi(windows, tag_model, inputs.names, request.seed, rssi)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,12 @@ class SortConfig(Settings):
     )
 
     # Detection
-    birth_score: float = setting(
+    birth_score: float = option_setting(
         0.4,
         "Minimum confidence of a box that begins a track; boxes of less confidence only continue tracks, as in "
         "ByteTrack. Boxes without a confidence begin tracks. Lower values find more people and more false ones.",
         at_least=0,
         at_most=1,
-        option="--birth-score",
     )
     detection_probability: float = setting(
         0.92,

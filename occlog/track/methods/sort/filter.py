@@ -35,7 +35,7 @@ from .kernels.boxes import (
     visible_shares,
 )
 from .kernels.motion import predicted, updated
-from .learned import DetectorStatistics
+from .learned import ImageDetectorStatistics
 
 SIZE_NOISE_DENSITY = 5e-4
 """Spectral density of the acceleration of the logarithm of a height and of the ratio of width to height [1/s^3]."""
@@ -155,7 +155,7 @@ class SortFilter:
         """
         self.config = config
         self.targets = no_targets(0)
-        self.learned = DetectorStatistics(config.detection_probability)
+        self.learned = ImageDetectorStatistics(config.detection_probability)
         self.confirmed: dict[int, int] = {}
         self._size = None if size is None else (float(size[0]), float(size[1]))
         self._reach = (1.0, 1.0)

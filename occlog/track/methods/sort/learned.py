@@ -30,7 +30,7 @@ STATE_VOLUME = 0.5
 """Range of the logarithm of heights times that of ratios of width to height, over which clutter spreads."""
 
 
-class DetectorStatistics:
+class ImageDetectorStatistics:
     """Statistics of the detector of one camera, learned while tracking, with priors.
 
     They are the probability of detection by visible share, the confidences of true and false boxes, and the appearance

@@ -39,7 +39,7 @@ ROUNDS = 3
 
 
 @dataclass
-class Boxes:
+class TrackBoxes:
     """Boxes of one track in time order.
 
     Attributes:
@@ -54,9 +54,9 @@ class Boxes:
     appearance: Floats
     row: Ints
 
-    def take(self, rows: slice) -> Boxes:
+    def take(self, rows: slice) -> TrackBoxes:
         """Return the boxes selected by a slice."""
-        return Boxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
+        return TrackBoxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
 
 
 class Doubt(NamedTuple):
@@ -98,8 +98,8 @@ class Ends(NamedTuple):
 
 
 def linked(
-    tracks: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, area: float
-) -> tuple[list[Boxes], list[Doubt]]:
+    tracks: Sequence[TrackBoxes], times: Floats, config: SortConfig, similarities: Floats, area: float
+) -> tuple[list[TrackBoxes], list[Doubt]]:
     """Cut tracks where they are doubtful, and link the tracklets; return the tracks and the doubtful links.
 
     The tracks returned are sorted by first frame; those with fewer boxes than `min_boxes` are dropped.
@@ -124,7 +124,7 @@ def linked(
     return [each for each in parts if len(each.frame) >= config.min_boxes], doubts
 
 
-def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
+def cut(tracks: Sequence[TrackBoxes], times: Floats) -> list[TrackBoxes]:
     """Return tracklets sorted by first frame: tracks cut where two overlap most, and at long gaps.
 
     `times` (F,) are the times of the camera's frames [s].
@@ -136,7 +136,7 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
             nearest = max(run.tolist(), key=lambda f: seen[f])
             at[a].add(nearest)
             at[b].add(nearest)
-    out: list[Boxes] = []
+    out: list[TrackBoxes] = []
     for track, cuts in zip(tracks, at, strict=True):
         long = np.diff(times[track.frame]) > SEPARATED_S
         long &= np.diff(track.frame) > 2
@@ -148,7 +148,7 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
     return sorted(out, key=lambda each: int(each.frame[0]))
 
 
-def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, float]]:
+def _encounters(tracks: Sequence[TrackBoxes]) -> dict[tuple[int, int], dict[int, float]]:
     """Return the overlaps above `CUT_OVERLAP` (intersection over union), by pair of track indices and then by frame.
 
     Boxes are interpolated in gaps.
@@ -174,7 +174,7 @@ def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, floa
     return found
 
 
-def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
+def _smoothed(track: TrackBoxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
     """Return smoothed means (n, 4, 2) and covariances (n, 4, 3) of a track at `frames` (n,), which include its own.
 
     A state has 4 coordinates (centre [px], ln of the height, width / height), each with value and rate.
@@ -200,7 +200,7 @@ def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> 
     return found
 
 
-def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
+def _ends(parts: Sequence[TrackBoxes], times: Floats, config: SortConfig) -> Ends:
     """Return smoothed states at the first and last box of each tracklet; `times` (F,) are those of the frames [s]."""
     states = [_smoothed(each, times, config, each.frame) for each in parts]
     appearance = np.array([_mean(each.appearance) for each in parts])
@@ -222,8 +222,8 @@ def _mean(appearance: Floats) -> Floats:
 
 
 def _joined(
-    parts: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, births: float
-) -> tuple[list[Boxes], list[Doubt]]:
+    parts: Sequence[TrackBoxes], times: Floats, config: SortConfig, similarities: Floats, births: float
+) -> tuple[list[TrackBoxes], list[Doubt]]:
     """Link tracklets with the largest sum of log likelihood ratios; return the linked tracks and the doubtful links.
 
     Args:
@@ -257,7 +257,9 @@ def _joined(
     return _chains(parts, following), list(_doubts(parts, following, ratios))
 
 
-def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
+def _doubts(
+    parts: Sequence[TrackBoxes], following: dict[int, int], ratios: dict[tuple[int, int], float]
+) -> Iterator[Doubt]:
     """Generate the links that may be wrong, and pairs of links that may be exchanged.
 
     Args:
@@ -281,7 +283,7 @@ def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tupl
                 yield from _doubt(parts, after, other, loss)
 
 
-def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
+def _doubt(parts: Sequence[TrackBoxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
     """Generate the doubt about a link, or a pair of links, if the alternative has at least `MIN_PROBABILITY`.
 
     The alternative is that the link does not exist, or that the two links are exchanged.
@@ -298,7 +300,7 @@ def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -
         yield Doubt(int(parts[after].row[0]), -1 if other is None else int(parts[other].row[0]), frame, probability)
 
 
-def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
+def _chains(parts: Sequence[TrackBoxes], following: dict[int, int]) -> list[TrackBoxes]:
     """Return the sequences of linked tracklets as tracks, sorted by first frame.
 
     `following` has the index of the next tracklet, for those that have one.
@@ -315,10 +317,10 @@ def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
     return sorted(out, key=lambda each: int(each.frame[0]))
 
 
-def _one(parts: Iterable[Boxes]) -> Boxes:
+def _one(parts: Iterable[TrackBoxes]) -> TrackBoxes:
     """Return the boxes of several tracklets as one, in their order."""
     some = list(parts)
-    return Boxes(
+    return TrackBoxes(
         *(np.concatenate([getattr(each, name) for each in some]) for name in ("frame", "boxes", "appearance", "row"))
     )
 
@@ -372,7 +374,7 @@ def _log_t(off: Floats, spread: Floats) -> Floats:
     )
 
 
-def smoothed_track(track: Boxes, times: Floats, config: SortConfig) -> SmoothedTrack:
+def smoothed_track(track: TrackBoxes, times: Floats, config: SortConfig) -> SmoothedTrack:
     """Return a track smoothed and interpolated in all frames from its first to its last box.
 
     `times` (F,) are the times of the camera's frames [s].

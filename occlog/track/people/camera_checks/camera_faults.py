@@ -106,7 +106,7 @@ class FittingChange(NamedTuple):
     now: float
 
 
-class Gap(NamedTuple):
+class DetectionGap(NamedTuple):
     """An interval in which a camera has no box, although other cameras detect people in its view.
 
     Attributes:
@@ -197,7 +197,7 @@ class CameraFaults:
         boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
         return person_heights([*boxes], self._cameras)
 
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[DetectionGap]:
         """The longest interval without boxes of each camera that has one while others detect people in its view."""
         return self._search.gaps() if self._compared else []
 
@@ -387,10 +387,10 @@ class _Search:
         """Overlaps of each camera with all others, with the set-up as given."""
         return self._pairs.of_each()
 
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[DetectionGap]:
         """Return the longest interval without boxes of each camera that otherwise detects most people in its view."""
         at_s = (self.t_ns - self.t_ns[0]) / NS
-        out: list[Gap] = []
+        out: list[DetectionGap] = []
         for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
             own = np.unique(view.steps)
             if len(own) < 2 or len(found.met) < MIN_EXPECTED or found.excess < MIN_FIT:
@@ -404,7 +404,7 @@ class _Search:
             people = self._seen_by_others(c, first, last)
             if people >= MIN_EXPECTED:
                 begin_s, end_s = float(at_s[first]), float(at_s[last])
-                out.append(Gap(c, begin_s, end_s, people, (end_s - begin_s) / float(at_s[-1])))
+                out.append(DetectionGap(c, begin_s, end_s, people, (end_s - begin_s) / float(at_s[-1])))
         return out
 
     def _seen_by_others(self, c: int, first: int, last: int) -> int:

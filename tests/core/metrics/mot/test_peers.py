@@ -20,7 +20,7 @@ from mot_environment import ask
 from occlog.core.metrics.mot.clear_mot import CHALLENGE, CLASSIC, clear_mot
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.mot.hota import hota, identity
-from occlog.io.formats.boxes.mot_challenge import SequenceInfo, write_mot, write_sequence, write_sequence_list
+from occlog.io.formats.boxes.mot_challenge import WrittenSequence, write_mot, write_sequence, write_sequence_list
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
@@ -136,7 +136,7 @@ def test_trackeval_reads_what_is_written_and_gives_the_same_figures(
         folder = shared_data / "tud_mot" / name
         truth, found = read(folder / "gt.txt", TruthBoxes), read(folder / "test.txt", Boxes)
         length = int(max(truth.frame.max(), found.frame.max())) + 1
-        write_sequence(tmp_path / "truth" / name, truth, SequenceInfo(name, length, 25.0, 640, 480))
+        write_sequence(tmp_path / "truth" / name, truth, WrittenSequence(name, length, 25.0, 640, 480))
         write_mot(tracks / f"{name}.txt", found, "tracks")
         sides.append((side(truth, view), side(found, view)))
     write_sequence_list(tmp_path / "list.txt", NAMES)

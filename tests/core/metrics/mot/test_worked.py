@@ -209,7 +209,7 @@ def test_one_side_or_both_are_empty() -> None:
         (lambda: of_points(rows((0, 1, 0, 0), (0, 1, 1, 1)), nothing(), 1.0), "label 1 comes twice in frame 0"),
         (lambda: of_points(rows((0, 1, np.nan, 0)), nothing(), 1.0), "finite"),
         (lambda: of_points(nothing(), nothing(), 0.0), "limit"),
-        (lambda: of_points(rows((0, 1, 0, 0, 0)), rows((0, 1, 0, 0)), 1.0), "as many columns"),
+        (lambda: of_points(rows((0, 1, 0, 0, 0)), rows((0, 1, 0, 0)), 1.0), "equally many columns"),
         (lambda: of_points(rows((0, 1, 0))._replace(view=np.zeros(1)), rows((0, 1, 0)), 1.0), "views"),
         (lambda: of_boxes(rows((0, 1, 0, 0, 0, 5)), nothing(4)), "sizes above 0"),
         (lambda: of_boxes(rows((0, 1, 0, 0)), nothing(4)), "left, top, width, height"),

@@ -377,7 +377,7 @@ FAULTS: list[tuple[Callable[[Path], Path], str]] = [
     (file("c.yaml", yaml.safe_dump(transforms([ONE]))), "transforms without cameras"),
     (
         file("c.yaml", yaml.safe_dump_all([camera_info(LEFT, BROWN, "plumb_bob"), transforms([ONE])])),
-        "have no frame left_optical_frame",
+        "exactly one frame left_optical_frame",
     ),
     (file("c.yaml", yaml.safe_dump_all([camera_info(ONE, BROWN, "fov"), transforms([ONE])])), "distortion model fov"),
     (file("c.mat", b"MATLAB 7.3 MAT-file" + b" " * 493 + b"\x89HDF\r\n\x1a\n"), "version 7.3 .*'-v7'"),

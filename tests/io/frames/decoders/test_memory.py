@@ -117,7 +117,7 @@ def test_slots_that_a_decoder_makes_up_are_refused() -> None:
             (1, (0,)),
             (1, (-1,)),
         ):
-            with pytest.raises(InputError, match="the decoder returned an image that does not fit"):
+            with pytest.raises(InputError, match="the decoder returned an image larger than its frames"):
                 asks.image(number, shape)
         assert image.shape == (300, 200)
 

@@ -270,7 +270,7 @@ def test_images_that_cannot_be_used_are_listed_one_by_one(tmp_path: Path) -> Non
 
 def test_a_folder_without_one_usable_image_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"x" * 50)
-    with pytest.raises(InputError, match="not one image can be decoded"), images(tmp_path):
+    with pytest.raises(InputError, match="none of its images can be decoded"), images(tmp_path):
         pass
 
 

@@ -311,7 +311,7 @@ def test_impossible_options_are_refused_by_name(wrong: dict[str, object]) -> Non
 
 def test_an_appearance_must_be_a_histogram() -> None:
     for bad in (np.ones((1, 72)), np.ones((1, 3)) / 3, np.ones(72) / 72, np.full((1, 72), np.nan)):
-        with pytest.raises(InputError, match="target 4: an appearance must be 72 numbers"):
+        with pytest.raises(InputError, match="target 4: each appearance must be 72 numbers"):
             Target(4, bad)
-    with pytest.raises(UsageError, match="repeat"):
+    with pytest.raises(UsageError, match="two targets have the same number"):
         check_targets([Target(1, np.ones((1, 72)) / 72), Target(1, np.ones((1, 72)) / 72)])

@@ -57,7 +57,7 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
             "has no time in common with the tracks of the camera groups before it",
         ),
         (walk(3, TIMES, (0, 7), (1, 0)), "m", "no person matches the tracks of the camera groups before it"),
-        (PeopleTracks.empty(), "m", "contains no people"),
+        (PeopleTracks.empty(), "m", "contains no tracks of people"),
     ],
 )
 def test_groups_that_do_not_agree_are_a_line(tmp_path, capsys, tracks, unit, words) -> None:

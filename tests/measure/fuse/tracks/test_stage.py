@@ -116,5 +116,5 @@ def test_a_group_of_no_person_changes_nothing() -> None:
 
 
 def test_tracks_in_space_are_refused() -> None:
-    with pytest.raises(InputError, match="in space"):
+    with pytest.raises(InputError, match="tracks with heights"):
         fuse_tracks([replace(walk(0, TIMES, (0, 0), (1, 0)), z=np.ones(len(TIMES)))], CONFIG)

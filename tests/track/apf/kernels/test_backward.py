@@ -104,10 +104,10 @@ def test_parents_are_drawn_by_the_density_of_the_step(seed, place2, regime, moti
 
 def test_the_density_on_a_segment_is_the_mean_of_normal_densities_along_it():
     rng, u = np.random.default_rng(3), (np.arange(20_000) + 0.5)[:, None] / 20_000
-    for length in (1e-9, 0.01, 0.3, 3.0):
+    for length, variance in ((1e-9, 0.04), (0.01, 0.04), (0.3, 0.04), (3.0, 0.04), (3.0, 1e-3)):
         for _ in range(5):
-            w, variance = length * rng.normal(size=2), 0.04
-            x = rng.uniform() * w + 0.3 * rng.normal(size=2)
+            w = length * rng.normal(size=2)
+            x = rng.uniform() * w + 1.5 * np.sqrt(variance) * rng.normal(size=2)
             wanted = np.exp(-0.5 * np.sum((x - u * w) ** 2, axis=1) / variance).mean()
             assert density_on_segment(*x, *w, variance) == pytest.approx(wanted, rel=1e-5)
 

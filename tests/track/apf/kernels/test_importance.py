@@ -90,6 +90,34 @@ def test_derivatives_are_those_of_the_residual(seed, kind):
         assert np.isfinite(residual)
 
 
+@pytest.mark.parametrize("kind", ["RANGE", "LOG_RANGE", "DIFFERENCE"])
+def test_distances_have_the_residual_and_derivatives_of_their_formulas(kind):
+    row, at = np.zeros(12), np.array([3.0, -1.0])
+    row[importance.KIND], row[importance.VALUE], row[importance.READING_NOISE] = getattr(importance, kind), 0.8, 0.3
+    row[[importance.X0, importance.Y0, importance.RISE2]] = 1.0, 0.5, 2.0
+    row[[importance.X1, importance.Y1, importance.OTHER_RISE2]] = 4.0, 2.0, 1.5
+
+    def expected(xy):
+        d = np.sqrt(np.sum((xy - row[[importance.X0, importance.Y0]]) ** 2) + 2.0)
+        e = np.sqrt(np.sum((xy - row[[importance.X1, importance.Y1]]) ** 2) + 1.5)
+        return {"RANGE": d, "LOG_RANGE": np.log(d), "DIFFERENCE": d - e}[kind]
+
+    slope = [(expected(at + h) - expected(at - h)) / 2e-5 for h in 1e-5 * np.eye(2)]
+    np.testing.assert_allclose(linearise(*at, row), [0.8 - expected(at), *slope, 0.3], rtol=1e-8)
+    # At the sensor itself there is no direction
+    row[[importance.RISE2, importance.OTHER_RISE2]] = 0.0
+    for place in (row[[importance.X0, importance.Y0]], row[[importance.X1, importance.Y1]]):
+        assert np.isfinite(linearise(*place, row)).all()
+
+
+@pytest.mark.parametrize("density", [1e-30, 1e30])
+def test_many_factors_neither_vanish_nor_overflow(density):
+    rows = np.zeros((25, 12))
+    rows[:, importance.X0], rows[:, importance.READING_NOISE], rows[:, importance.CLUTTER] = 5.0, 1.0, density
+    near = importance.adapt(PLACE[None], np.ones(1), np.ones(1, dtype=np.bool_), np.arange(26), rows)
+    np.testing.assert_allclose(near.log_factors, 25.0 * np.log(density))
+
+
 @pytest.mark.parametrize("kind", ["pixel", "bearing", "candidates"])
 @pytest.mark.parametrize("seed", range(4))
 def test_measurements_give_the_factors_of_the_likelihood(seed, kind):
@@ -219,6 +247,21 @@ def test_a_false_bearing_is_not_believed(wrong, shift):
     # It counts as a false report: by no more than its density over the image
     floor = np.log(packed[wrong, importance.CLUTTER])
     assert near.log_factors[0] == pytest.approx(better.log_factors[0] + floor, abs=0.2)
+
+
+def test_a_value_of_a_camera_that_a_particle_is_behind_counts_as_false():
+    scene = room100(pillar=False, focal=600.0)
+    rows = noisy_rows(scene, np.random.default_rng(1))[:3]
+    _, packed, values = looks_of(scene, rows)
+    behind = values.copy()
+    behind[1, [importance.COS, importance.SIN]] *= -1.0
+    near = approximate(packed, behind, PLACE + 0.4, 0.25)
+    better = importance.adapt(
+        PLACE[None] + 0.4, np.full(1, 0.25), np.ones(1, dtype=np.bool_), np.arange(3), values[[0, 2]]
+    )
+    np.testing.assert_allclose(near.mode, better.mode, rtol=1e-12)
+    np.testing.assert_allclose(near.root, better.root, rtol=1e-12)
+    np.testing.assert_allclose(near.log_factors, better.log_factors + np.log(values[1, importance.CLUTTER]))
 
 
 def test_of_a_looks_candidates_the_one_that_fits_is_believed():

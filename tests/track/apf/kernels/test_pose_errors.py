@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
+from scipy.stats import multivariate_normal
 
 from occlog.core.geometry.camera import noise_variance, planar_offsets
 from occlog.track.methods.apf.kernels.pose_errors import (
@@ -28,15 +29,17 @@ SIGMA = np.array([1.0, 1.0, 0.01])
 
 
 def make(seed, scans=60, noise=0.01, sensors=5, sigma=SIGMA):
-    """True errors, true places (T, 2) and what the sensors report."""
-    rng = np.random.default_rng(seed)
+    """True errors, true places (T, 2) and what the sensors report, each with another noise."""
+    rng, sigmas = np.random.default_rng(seed), np.maximum(noise * np.linspace(0.5, 1.5, sensors), 1e-6)
     errors = sigma * rng.standard_normal((sensors, 3))
     path = rng.uniform(15.0, 85.0, (scans, 2))
     out = []
     for xy in path:
         away = xy - PLACES[:sensors] - errors[:, :2]
-        bearing = np.arctan2(away[:, 1], away[:, 0]) - errors[:, 2] + noise * rng.standard_normal(sensors)
-        out.append(LabelledBearings(np.arange(sensors), bearing, np.full(sensors, max(noise, 1e-6) ** 2)))
+        bearing = (
+            np.arctan2(away[:, 1], away[:, 0]) - errors[:, 2] + (noise > 0.0) * sigmas * rng.standard_normal(sensors)
+        )
+        out.append(LabelledBearings(np.arange(sensors), bearing, sigmas**2))
     return errors, path, out
 
 
@@ -246,9 +249,23 @@ def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share,
     assert (intersection_point(sights, positions, np.zeros((2, 3)), target * 1.02) is not None) == found
 
 
-def test_evidence_for_fixed_errors_grows_with_scans_of_fixed_errors():
-    _, path, scans = make(11, scans=40, noise=0.002)
-    belief = prior()
+def test_an_update_is_the_kalman_filters_with_odds_against_errors_that_are_drawn_again_at_each_time():
+    """With the evidence y = G (e - m) + n as the measurement, of which n has the learned scale."""
+    _, path, scans = make(11, scans=12, noise=0.002)
+    belief = prior()._replace(excess=30.0, counted=9.0)
     for sights, start in zip(scans, path, strict=True):
-        belief = update(belief, sights, PLACES, start)
+        y, G = evidence(sights, PLACES, belief.mean, start)
+        scale, m, C, one = belief.scale, belief.mean.ravel(), belief.covariance, np.eye(len(y))
+        assert scale > 1.0
+        S = G @ C @ G.T + scale * one
+        covariance = np.linalg.inv(np.linalg.inv(C) + G.T @ G / scale)
+        own, white = (multivariate_normal(np.zeros(len(y)), V) for V in (S, (G * belief.prior) @ G.T + one))
+        got = update(belief, sights, PLACES, start)
+        np.testing.assert_allclose(got.covariance, covariance, rtol=1e-5, atol=1e-12)
+        np.testing.assert_allclose(got.mean.ravel(), m + covariance @ G.T @ y / scale, rtol=1e-5, atol=1e-9)
+        assert got.log_odds == pytest.approx(belief.log_odds + own.logpdf(y) - white.logpdf(y + G @ m))
+        assert got.excess == pytest.approx(belief.excess + y @ np.linalg.solve(G @ C @ G.T + one, y))
+        assert got.counted == belief.counted + len(y)
+        belief = got
+    # The errors are fixed
     assert belief.log_odds > 10.0

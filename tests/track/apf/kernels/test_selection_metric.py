@@ -205,3 +205,12 @@ def test_a_camera_that_sees_nothing_adds_nothing():
         both = mean_square_errors(values, np.array([[0, 1, blind[0]]]))[0]
         assert both == pytest.approx(alone, rel=1e-9)
         assert mean_square_errors(values, np.array([[blind[0]]]))[0] == pytest.approx(np.trace(values.x))
+
+
+def test_a_camera_that_the_mean_of_the_cloud_is_behind_does_not_count_in_weak_perspective():
+    xy = np.array([[50.0, 1.0], [50.0, 2.0], [51.0, 1.5]])
+    sensors = SENSORS._replace(axis=-SENSORS.axis)
+    together = np.ones((8, 8))
+    values = weak_moments(xy, np.full(3, 1 / 3), ALL, sensors, NOISE, READ, together)
+    assert values.seen[1] == 0.0
+    assert mean_square_errors(values, np.array([[1]]))[0] == pytest.approx(np.trace(values.x))

@@ -215,12 +215,3 @@ def test_the_order_in_which_cameras_are_given_does_not_matter(model):
     for rows in itertools.combinations(ALL, 3):
         same = [shuffled.index(i) for i in rows]
         assert metric(other, same) == pytest.approx(metric(given, rows), rel=1e-9)
-
-
-def test_a_camera_that_the_mean_of_the_cloud_is_behind_does_not_count_in_weak_perspective():
-    xy = np.array([[50.0, 1.0], [50.0, 2.0], [51.0, 1.5]])
-    sensors = SENSORS._replace(axis=-SENSORS.axis)
-    together = np.ones((8, 8))
-    values = weak_moments(xy, np.full(3, 1 / 3), ALL, sensors, NOISE, READ, together)
-    assert values.seen[1] == 0.0
-    assert metric(values, [1]) == pytest.approx(np.trace(values.x))

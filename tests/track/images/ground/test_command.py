@@ -139,7 +139,7 @@ def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
         ),
         (["views.parquet", "--scene", "scene.yaml", "--window", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["one.parquet", "--scene", "own.yaml"], ExitCode.BAD_INPUT, "has a position at any time (single view 200)"),
-        (["none.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "has no rows of these cameras"),
+        (["none.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "has no rows of the cameras in use"),
         (["truth.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "truth.parquet"),
         (["walk.mcap", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "is a recording; give view tracks"),
         (["missing.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "missing.parquet"),

@@ -15,7 +15,7 @@ from occlog.track.methods.images.initiation.regions import DetectorRegions, Regi
 from occlog.track.methods.images.interface import FrameSet
 from occlog.track.methods.images.methods.config import BmctConfig, MipfConfig
 from occlog.track.methods.images.run.frame_synchronisation import FrameSetImages
-from occlog.track.methods.images.run.stage import STEPS_PER_PART, Start, TrackingSetup, track_views
+from occlog.track.methods.images.run.stage import STEPS_PER_PART, TrackerStart, TrackingSetup, track_views
 
 VIEWS = (TrackedView("b", 80, 60), TrackedView("a", 80, 60))
 BLIND = ViewGeometry(np.full((2, 2, 3, 3), np.nan), (None, None))
@@ -42,7 +42,7 @@ def moments(n, missing=(), other=()):
 
 
 def start(view, frame, target, x=20.0, y=30.0):
-    return Start(view, frame, target, np.array([x, y, 5.0, 4.0, 2.0]))
+    return TrackerStart(view, frame, target, np.array([x, y, 5.0, 4.0, 2.0]))
 
 
 def tracked(n=6, starts=(), config=STILL, stream=None, missing=(), stage=None, other=(), **more):

@@ -145,9 +145,9 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
     assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0
-    # Half a step of the difference quotients before it has a box and no slope
-    for x, depth in ((nearest + 1e-3, nearest + 1e-3), (nearest + 1e-4, -1.0), (nearest - 1e-4, -1.0)):
-        state = np.array([x, 0.0, 0.0, 0.0, 1.7, 0.5])
+    # Within a step of the difference quotients, 1.7e-4 m, it has a box and no slope
+    for further, depth in ((1.71e-4, nearest + 1.71e-4), (1.69e-4, -1.0), (-1e-4, -1.0)):
+        state = np.array([nearest + further, 0.0, 0.0, 0.0, 1.7, 0.5])
         assert box_and_slope(views.lens[0], state, 0.0, box, np.empty((4, 6))) == pytest.approx(depth)
 
 

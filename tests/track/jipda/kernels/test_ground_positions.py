@@ -196,6 +196,8 @@ def test_a_position_proposes_a_target_there(in_image: float) -> None:
     arrival, mean, C = BirthIntensity(0.02, in_image, np.zeros((0, 2)), np.zeros(0), 1.0), np.empty(6), np.empty((6, 6))
     log = state_from_box(VIEWS, made, RATES, body, arrival, 1, 1, mean, C)
     assert log == pytest.approx(math.log(min(0.02, in_image / (12.0 * 8.0))))
+    none = state_from_box(VIEWS, made, RATES, body, arrival._replace(everywhere=0.0), 1, 1, mean, C)
+    assert none == pytest.approx(math.log(1e-300))
     np.testing.assert_array_equal(mean, [5.0, 2.0, 0.0, 0.0, 1.7, 0.55])
     wanted = np.diag([0.0, 0.0, 0.9**2, 0.9**2, 0.12**2, 0.11**2])
     wanted[:2, :2] = covariance_of(made, 1)

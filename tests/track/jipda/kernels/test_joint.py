@@ -22,7 +22,7 @@ from occlog.track.methods.jipda.kernels.detections import (
     log_density,
 )
 from occlog.track.methods.jipda.kernels.joint_association import JipdaResult, update_targets
-from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
+from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios, outlier_density
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
@@ -151,6 +151,25 @@ def test_people_who_are_hardly_detected_are_not_associated(detection: float, som
     assert found.ratio.any() == some
 
 
+@pytest.mark.parametrize(
+    ("edge", "below", "cut", "wanted"),
+    [
+        (3, -1e-9, 0.0101, 0.0101 / (0.8 * 200.0)),
+        (3, -1e-9, 0.01, 0.25 * 0.06 / (2.0 * 200.0)),
+        (3, 0.0, 0.5, 0.25 * 0.06 / (2.0 * 200.0)),
+        (1, -9.0, 0.5, 0.25 * 0.06 / (2.0 * 200.0)),
+        (0, -9.0, 0.5, 0.25 * 0.06 / (2.0 * 50.0)),
+        (2, -9.0, 0.5, 0.25 * 0.06 / (2.0 * 50.0)),
+    ],
+)
+def test_an_outlier_is_uniform_over_the_upper_part_of_the_box_or_twice_its_size(
+    edge: int, below: float, cut: float, wanted: float
+) -> None:
+    box = np.array([10.0, 20.0, 60.0, 220.0])
+    assert outlier_density(edge, box, below, cut, 0.06) == pytest.approx(wanted, rel=1e-12)
+    assert outlier_density(edge, np.array([4.0, 3.0, 4.0, 3.0]), below, cut, 0.06) == 0.0
+
+
 PAIR = MEAN + np.array([[0.0], [1.0]]) * [[0.6, 0.2, 0.0, 0.0, 0.0, 0.0]]
 """Two people who touch in the image."""
 
@@ -259,7 +278,6 @@ def test_the_density_of_no_person_counts_the_edges_in_use() -> None:
 
 
 def test_curves_are_linear_between_their_values() -> None:
-    curve = np.array([0.0, 0.5, 1.0, 1.0])
-    assert interpolate(curve, 0.5) == pytest.approx(0.75)
-    assert interpolate(curve, -0.1) == 0.0
-    assert interpolate(curve, 1.0) == 1.0
+    curve = np.array([0.1, 0.5, 0.9, 1.0])
+    for share, value in ((-0.1, 0.1), (0.5, 0.7), (0.9, 0.97), (1.0, 1.0), (1.2, 1.0)):
+        assert interpolate(curve, share) == pytest.approx(value)

@@ -13,7 +13,7 @@ from random_frames import Scene, random_scene
 from occlog.array_types import Bools, Floats, Ints
 from occlog.track.methods.jipda.interface import PositionSource
 from occlog.track.methods.jipda.kernels.body_box import cover_positions, pack_views
-from occlog.track.methods.jipda.kernels.lasting_errors.body_bias import body_bias_shift
+from occlog.track.methods.jipda.kernels.lasting_errors.bias_effects import bias_effects
 from occlog.track.methods.jipda.kernels.lasting_errors.camera_disagreement import camera_disagreement
 from occlog.track.methods.jipda.kernels.lasting_errors.clock_residuals import clock_residuals
 from occlog.track.methods.jipda.kernels.lasting_errors.pose_residuals import centre_rows, pose_residuals
@@ -218,7 +218,8 @@ def test_a_bias_of_the_body_shifts_by_cameras_with_the_centre_in_range_and_image
         moved[c, int(limit == "top")] = -middle[int(limit == "top")] - beyond
     lens = s.views.lens.copy()
     lens[:, 14:16] += moved
-    got, share = body_bias_shift(s.mean, s.covariance, s.views._replace(size=size, range=reach, lens=lens), s.rates)
+    views = s.views._replace(size=size, range=reach, lens=lens)
+    got, share, _ = bias_effects(s.mean, s.covariance, views, s.rates, np.zeros((3, 2)))
     for i, state in enumerate(s.mean):
         A, b, used = np.diag([0.0, 0.0, 1.0 / s.covariance[i, 4, 4], 1.0 / s.covariance[i, 5, 5]]), [], []
         for k, camera in enumerate(s.cameras):
@@ -247,6 +248,6 @@ def test_positions_within_the_covered_area_have_no_bias_of_the_body(x: float, y:
     away = np.array([x - 5.0, y - 4.0])
     for share, inside in ((0.999, True), (1.0, False)):
         at = np.array([[*(np.array([5.0, 4.0]) + share * away), 0.0, 0.0, 1.7, 0.5]])
-        shift, found = body_bias_shift(at, s.covariance[:1], views, rates)
+        shift, found, _ = bias_effects(at, s.covariance[:1], views, rates, np.zeros((3, 2)))
         assert (found[0] == 0.0) == inside
         assert not (inside and shift.any())

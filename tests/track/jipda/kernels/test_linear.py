@@ -36,6 +36,14 @@ def test_factors_and_eigenvalues_are_those_of_numpy(n: int) -> None:
     np.testing.assert_allclose(axes.T @ axes, np.eye(n), atol=1e-12)
 
 
+@pytest.mark.parametrize(("entry", "rotated"), [(0.9e-15, False), (1.4e-15, True), (-1.4e-15, True)])
+def test_entries_below_1e_15_of_the_diagonal_are_zero(entry: float, rotated: bool) -> None:
+    """The eigenvectors of equal diagonal entries are half a right angle from the axes."""
+    axes = np.empty((2, 2))
+    eigen(np.array([[4.0, 4.0 * entry], [4.0 * entry, 4.0]]), axes)
+    np.testing.assert_allclose(np.abs(axes), np.full((2, 2), np.sqrt(0.5)) if rotated else np.eye(2))
+
+
 def test_a_diagonal_matrix_has_its_entries_for_eigenvalues() -> None:
     matrix, axes = np.diag([3.0, -1.0, 0.0]), np.empty((3, 3))
     eigen(matrix, axes)

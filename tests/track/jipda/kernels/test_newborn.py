@@ -12,12 +12,15 @@ from scipy.optimize import least_squares
 from scipy.stats import multivariate_normal, norm
 
 from occlog.array_types import Floats
-from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
+from occlog.track.methods.jipda.kernels.body_box import PackedCameras, expected_box, pack_views
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
 from occlog.track.methods.jipda.kernels.track_initiation import (
     BirthIntensity,
+    arrivals_at,
     ground_plane_point,
     initiate_targets,
+    predicted_targets,
+    propose_track,
     state_from_box,
 )
 
@@ -78,6 +81,14 @@ def test_boxes_that_are_somebodys_propose_no_one() -> None:
     assert len(found(boxes(PLACES), free=0.1)[2]) == 0
 
 
+def test_one_box_alone_proposes_a_person() -> None:
+    mean, _, odds, used = found(boxes(PLACES[:1], cameras=(2,)), everywhere=1.0)
+    np.testing.assert_allclose(mean[:, :2], PLACES[:1], atol=0.1)
+    assert odds.shape == (1,)
+    np.testing.assert_array_equal(used, [[1.0]])
+    assert len(found(boxes(PLACES[:0]))[2]) == 0
+
+
 def test_cameras_that_see_no_one_there_speak_against_it() -> None:
     four = found(boxes(PLACES[:1]))[2].max()
     two = found(boxes(PLACES[:1], cameras=(0, 1)))[2].max()
@@ -98,17 +109,49 @@ def test_bodies_are_as_tall_as_people(height: float, count: int) -> None:
     assert (odds > 0.0).sum() == count
 
 
-@pytest.mark.parametrize(("away", "more"), [(0.0, 1.0), (2.0, 0.135335), (4.1, 0.0)])
-def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(away: float, more: float) -> None:
-    made = boxes(PLACES[:1])
-    empty = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
-    odds = []
-    for at in (0.0, 1e-3):
-        arrival = BirthIntensity(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
-        odds.append(
-            initiate_targets(VIEWS, made, RATES, BODY, arrival, *empty, np.ones(4), 30.0, math.log(0.05))[2].max()
-        )
-    assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
+def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from() -> None:
+    """Of two such positions, the second one is 3 m, 4 m from the person: 2.5 m each to the deviation of 1.25 m."""
+    centre, mean = np.array([[9.0, 9.0], [4.0, 5.0]]), np.array([1.0, 1.0, 0.5, 0.5, 1.7, 0.5])
+    for smooth, more in ((2.5, math.exp(-2.0)), (5.0 / 3.999, math.exp(-0.5 * 3.999**2)), (1.25, 0.0), (1.1, 0.0)):
+        arrival = BirthIntensity(0.2, 10.0, centre, np.array([0.0, 3e3]), smooth)
+        assert arrivals_at(arrival, mean) == pytest.approx(0.2 + 3e3 * more, rel=1e-12)
+
+
+def of_first_box(made: PackedDetections, views: PackedCameras = VIEWS, body: Floats = BODY) -> tuple[float, Floats]:
+    """Log density and state of the person whom the box of camera 0 proposes."""
+    mean, arrival = np.empty(6), BirthIntensity(0.02, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
+    return state_from_box(views, made, RATES, body, arrival, 0, 0, mean, np.empty((6, 6))), mean
+
+
+def test_a_box_proposes_a_person_up_to_the_range_of_its_camera() -> None:
+    made, foot = boxes(PLACES[:1]), np.empty(2)
+    assert ground_plane_point(VIEWS, 0, 0.5 * (made.box[0, 0] + made.box[0, 2]), made.box[0, 3], 0.0, foot)
+    distance = math.hypot(*(foot - VIEWS.position[0, :2]))
+    for reach, some in ((distance, True), (np.nextafter(distance, 0.0), False)):
+        views = VIEWS._replace(range=np.array([reach, 1.0, 1.0, 1.0]))
+        assert math.isfinite(of_first_box(made, views)[0]) == some
+
+
+def test_bodies_are_no_smaller_than_three_tenths_of_the_usual_one() -> None:
+    """With deviations of 5 m the box alone decides the size, of which the half is then the limit."""
+    made = boxes(PLACES[:1], height=0.6)
+    body = np.array([1.9, 5.0, 1.5, 5.0, 0.9])
+    np.testing.assert_allclose(of_first_box(made, body=body)[1][4:], [0.6, 0.5], atol=0.01)
+    body = np.array([2.1, 5.0, 1.8, 5.0, 0.9])
+    np.testing.assert_allclose(of_first_box(made, body=body)[1][4:], [0.63, 0.54], rtol=1e-12)
+
+
+def test_the_odds_of_boxes_that_are_others_and_of_detectors_that_miss_all_are_limited() -> None:
+    """One camera: the probability that the box is of no person, and that of detection, count 1e-6 at least."""
+    made, odds = boxes(PLACES[:1], cameras=(0,)), []
+    made = made._replace(camera=made.camera[:1], delay=made.delay[:1], first=made.first[:2])
+    arrival = BirthIntensity(0.02, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
+    tracked = predicted_targets(VIEWS, made, np.zeros((0, 6)), np.zeros(0), np.zeros(0))
+    for free, detection in ((1.0, 1.0), (0.0, 1.0), (1.0, 0.0)):
+        rates = RATES._replace(detection=np.full(4, detection))
+        out = np.empty(6), np.empty((6, 6)), np.empty(1)
+        odds.append(propose_track(VIEWS, made, rates, BODY, arrival, tracked, np.array([free]), 0, 0, 30.0, *out))
+    np.testing.assert_allclose(np.diff(odds), [math.log(1e-6), 0.0], atol=1e-9)
 
 
 def test_the_line_of_sight_of_a_pixel_meets_a_plane_in_the_point_that_projects_to_it() -> None:
@@ -127,10 +170,14 @@ def test_a_line_of_sight_along_the_plane_meets_it_nowhere() -> None:
     horizon = views.principal[0, 1]
     assert not ground_plane_point(views, 0, 0.0, horizon, 0.0, place)
     assert not ground_plane_point(views, 0, 0.0, horizon - 1.0, 0.0, place)
+    # Up to a slope of 1e-9 of the line of sight
+    focal = views.focal[0, 1]
+    assert not ground_plane_point(views, 0, 0.0, horizon + 0.9e-9 * focal, 0.0, place)
     # From a camera in the plane no point of it is before the camera
     assert not ground_plane_point(views, 0, 0.0, horizon + 1.0, views.position[0, 2], place)
     assert np.isnan(place).all()
     assert ground_plane_point(views, 0, 0.0, horizon + 1.0, 0.0, place)
+    assert ground_plane_point(views, 0, 0.0, horizon + 1.4e-9 * focal, 0.0, place)
 
 
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:

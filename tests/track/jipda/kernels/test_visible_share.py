@@ -163,11 +163,12 @@ def test_who_is_nearer_or_across_with_less_than_a_thousandth_hides_nothing(chanc
 
 
 def test_who_ends_at_the_middle_of_a_row_does_not_hide_it() -> None:
-    """Rows of a box of 60 px have their middles at 5, 15, .. 55 px."""
-    boxes = np.array([[0.0, 0.0, 50.0, 60.0], [-9.0, 15.0, 99.0, 35.0]])
-    cells = np.ones((ROWS, COLUMNS))
-    cells_unoccluded_by(0, boxes, np.array([10.0, 5.0]), np.full(2, 1e-6), np.full(2, 0.1), np.ones(2), cells)
-    np.testing.assert_allclose(cells[:, 0], [1.0, 1.0, 0.0, 1.0, 1.0, 1.0], atol=1e-9)
+    """Rows of a box of 60 px have their middles at 5, 15, .. 55 px; the positions in the image are certain."""
+    boxes = np.array([[0.0, 0.0, 50.0, 60.0], [12.0, 15.0, 99.0, 35.0]])
+    cells, wanted = np.ones((ROWS, COLUMNS)), np.ones((ROWS, COLUMNS))
+    cells_unoccluded_by(0, boxes, np.array([10.0, 5.0]), np.zeros(2), np.full(2, 0.1), np.ones(2), cells)
+    wanted[2, 1:] = 0.0
+    np.testing.assert_array_equal(cells, wanted)
 
 
 def test_a_static_occluder_hides_what_stands_in_it_and_ends_where_it_is_lower_than_the_line_of_sight() -> None:
@@ -192,6 +193,9 @@ def test_each_static_occluder_hides_with_its_own_corners_and_height() -> None:
     assert len({one.tobytes() for one in (*alone, cells)}) == 4
 
 
-def test_an_occluder_around_the_camera_hides_nothing() -> None:
-    around = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+@pytest.mark.parametrize("turn", range(4))
+def test_an_occluder_around_the_camera_hides_nothing_and_one_around_the_person_all(turn: int) -> None:
+    """With corners beside the camera and beside the person, at exactly their coordinates."""
+    around = np.roll([[1.0, 0.0], [0.0, 1.0], [-1.5, 0.0], [0.0, -2.0]], turn, axis=0)
     assert behind((4.0, 0.0), np.inf, around).min() == 1.0
+    np.testing.assert_array_equal(behind((4.0, 0.0), np.inf, around + np.array([4.0, 0.0]))[:, 2], 0.0)

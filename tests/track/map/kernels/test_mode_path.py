@@ -55,7 +55,6 @@ def solved(chain: ModeChain) -> tuple[PairCosts, np.ndarray, np.ndarray]:
     return pair_costs(chain, Q, velocity, spread), velocity, spread
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(
     ("seed", "counts"), [(0, [2, 3, 1, 3, 2]), (1, [3, 2, 2, 2, 3, 2]), (2, [1, 4]), (3, [2, 1, 2])]
 )
@@ -77,7 +76,6 @@ def test_the_cheapest_paths_through_every_pair_are_those_of_all_paths(seed: int,
     assert p == len(through)
 
 
-@pytest.mark.jit
 def test_distinct_paths_rise_in_cost_and_each_has_a_mode_away_from_those_before() -> None:
     chain = chain_of(4, [3] * 8)
     pairs, velocity, spread = solved(chain)

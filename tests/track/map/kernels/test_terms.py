@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, plain_cost, plain_loss, random_lines, random_planes, random_steps
 
 from occlog.track.methods.map.kernels.interior_point import cost, derivatives
-from occlog.track.methods.map.kernels.problem import MIXTURE, NO_PLANES, TrajectoryProblem
+from occlog.track.methods.map.kernels.problem import CAUCHY, HUBER, MIXTURE, NO_PLANES, SQUARE, TrajectoryProblem
 from occlog.track.methods.map.kernels.terms import (
     add_planes,
     barrier_cost,
@@ -50,14 +50,14 @@ def gap_to_bends(p: TrajectoryProblem, X) -> float:
     return float(np.abs(np.abs(r) - p.k).min()) if p.loss == 1 else math.inf
 
 
-@pytest.mark.parametrize("loss", [0, 1, 2, 3])
-def test_losses_are_their_formulas_and_slopes_their_derivatives(loss: int) -> None:
+@pytest.mark.parametrize(("loss", "form"), [(SQUARE, 0), (HUBER, 1), (CAUCHY, 2), (MIXTURE, 3)])
+def test_losses_are_their_formulas_and_slopes_their_derivatives(loss: int, form: int) -> None:
     k = 1.7
     for r in (-30.0, -3.0, -1.2, 1e-9, 0.4, 2.6, 500.0):
-        assert loss_value(r, loss, k) == pytest.approx(plain_loss(r, loss, k), rel=1e-13)
+        assert loss_value(r, loss, k) == pytest.approx(plain_loss(r, form, k), rel=1e-13)
         first, second, weight = loss_slopes(r, loss, k)
         h = 1e-4 * max(1.0, abs(r))
-        low, mid, high = (plain_loss(r + m * h, loss, k) for m in (-1, 0, 1))
+        low, mid, high = (plain_loss(r + m * h, form, k) for m in (-1, 0, 1))
         assert first == pytest.approx((high - low) / (2 * h), rel=1e-6, abs=1e-9)
         assert second == pytest.approx((high - 2 * mid + low) / h**2, rel=1e-4, abs=1e-4)
         assert weight * r == pytest.approx(first, rel=1e-12)

@@ -89,7 +89,7 @@ def read_matlab(content: bytes, limit: int) -> dict[str, Floats | None]:
                 raise ValueError("ends within a compressed array")
             part = next(_elements(data, order), element)
         if part.kind != MATRIX:
-            raise ValueError(f"an element of type {part.kind} where an array was expected")
+            raise ValueError(f"a MATLAB element of type {part.kind} where an array was expected")
         name, values = _matrix(part.data, order)
         if name:  # without a name it is not a variable
             found[name] = values
@@ -103,7 +103,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
         if kind >> 16:  # up to four bytes in place of the length
             kind, length = kind & 0xFFFF, kind >> 16
             if length > 4:
-                raise ValueError(f"{length} bytes in an element of at most 4")
+                raise ValueError(f"a short MATLAB element of {length} bytes, which has at most 4")
             yield _Element(kind, data[at + 4 : at + 4 + length])
             at += 8
             continue
@@ -143,10 +143,10 @@ def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"
         kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", content, at)
         if order == ">" and not 1000 <= kind < 2000:
-            raise ValueError(f"an array of type {kind}")
+            raise ValueError(f"not the header of a MATLAB array of numbers: type {kind}")
         numbers, text = kind % 100 // 10, kind % 10
         if kind % 1000 >= 100 or numbers >= len(OLD_TYPES) or min(rows, columns) < 0 or length < 1:
-            raise ValueError(f"an array of type {kind} of {rows} x {columns}")
+            raise ValueError(f"not the header of a MATLAB array of numbers: type {kind}, {rows} x {columns}")
         at += _OLD
         name = content[at : at + length].rstrip(b"\0").decode("latin-1")
         at += length
@@ -307,7 +307,8 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
         return np.moveaxis(value, 2, 0)
     if value.ndim == 3 and value.shape[1:] == shape:
         raise InputError(
-            f"{path}: an array of {value.shape}; it is ambiguous which axis counts the cameras; save an array for each",
+            f"{path}: an array of {value.shape}, in which the axis of the cameras is ambiguous; save a file for each "
+            "camera, or P of (n, 3, 4)",
             id="ambiguous-input",
         )
     raise InputError(

@@ -103,7 +103,10 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
         InputError: neither direction fits a camera above the ground, or both do.
     """
     if not abs(np.linalg.det(matrix)) > 1e-18 * np.linalg.norm(matrix) ** 3:
-        raise InputError(f"{where}: the homography cannot be inverted", id="invalid-calibration")
+        raise InputError(
+            f"{where}: the homography cannot be inverted (its determinant is 0); correct its numbers",
+            id="invalid-calibration",
+        )
     found = [
         (ground_pose(each @ axes, middle), to)
         for each, to in ((matrix, True), (np.asarray(np.linalg.inv(matrix)), False))
@@ -118,9 +121,8 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
         )
     if len(fits) > 1 and fits[1][0] < CLEARER * fits[0][0]:
         raise InputError(
-            f"{where}: its direction is ambiguous, image to ground or ground to image; give a calibration that "
-            "states it "
-            "(P, or K, R and t)",
+            f"{where}: its direction is ambiguous, image to ground or ground to image; give a calibration that states "
+            "it (P, or K, R and t)",
             id="ambiguous-input",
         )
     pose = next(pose for pose, to in found if to is fits[0][1])

@@ -19,18 +19,10 @@ from occlog.errors import InputError
 from occlog.io.files.texts.documents import parse_json, parse_xml
 from occlog.records.scene import Camera
 
-from ..common import (
-    CalibrationOptions,
-    Pose,
-    build_camera,
-    check_camera_matrix,
-    keys_of,
-    read_text,
-    scale_of,
-    yaml_values,
-)
+from ..common import CalibrationOptions, keys_of, read_text, yaml_values
 from ..lenses import Lens, stated_coefficients
 from .opencv_toml import checked_rotation
+from .projection import camera_of_parts
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
 """Names that state what the matrix is, also in a text of which nothing else is known."""
@@ -76,18 +68,9 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     matrix = matrix_of(values, MATRIX, where)
     rotation, translation = extrinsics_of(values, where)
     size = size_of(values)
-    check_camera_matrix(matrix, (size or options.image_size or (0, 1080))[1], where)
     options.check_keys(path.stem, unused_keys(values, (MATRIX, DISTORTION, ROTATION, TRANSLATION)), WITHOUT_EFFECT)
-    pose = Pose(
-        name=path.stem,
-        focal_px=[matrix[0, 0], matrix[1, 1]],
-        principal_px=[matrix[0, 2], matrix[1, 2]],
-        rotation=rotation,
-        centre=-rotation.T @ translation * scale_of(options, "m"),
-        image_size=size,
-        lens=lens_of(values, where),
-    )
-    return build_camera(pose, where, options)
+    lens, centre = lens_of(values, where), -rotation.T @ translation
+    return camera_of_parts(matrix, rotation, centre, size, options, name=path.stem, where=where, lens=lens)
 
 
 def lens_of(values: dict[str, object], where: str) -> Lens:

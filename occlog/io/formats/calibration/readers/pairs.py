@@ -14,7 +14,7 @@ from pathlib import Path
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
+from ..common import CalibrationOptions, check_camera_matrix, read_text
 from .opencv_storage import (
     DISTORTION,
     MATRIX,
@@ -29,6 +29,7 @@ from .opencv_storage import (
     storage_values,
     unused_keys,
 )
+from .projection import camera_of_parts
 
 WILDTRACK = {**{f"CVLab{n}": f"C{n}" for n in range(1, 5)}, **{f"IDIAP{n}": f"C{n + 4}" for n in range(1, 4)}}
 """Names of WILDTRACK's calibrations, and of the cameras as its images and annotations call them."""
@@ -84,12 +85,12 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         found[name] = path
     for name in sorted(lenses.keys() ^ extrinsics.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (extrinsics[name], "intrinsic")
-        known = f"rotation and translation {' or '.join(ROTATION[::3])} and {' or '.join(TRANSLATION[:2])}"
+        known = f"rotation {' or '.join(ROTATION[::3])}, translation {' or '.join(TRANSLATION[:2])}"
         if lacks == "intrinsic":
-            known = f"matrix {', '.join(MATRIX)}"
+            known = f"camera matrix {', '.join(MATRIX)}"
         raise InputError(
             f"{path}: camera {name} has no {lacks} file; give both, named as {_example(lacks, name)}; if this file has "
-            f"both, call its {known}",
+            f"both, rename its keys: {known}",
             id="missing-value",
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()
@@ -118,13 +119,6 @@ def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: Calibra
     parts = (MATRIX, DISTORTION), (ROTATION, TRANSLATION)
     for held, used in zip((values, of_place), parts, strict=True):
         options.check_keys(name, unused_keys(held, used), WITHOUT_EFFECT)
-    pose = Pose(
-        name=WILDTRACK[name] if wildtrack else name,
-        focal_px=[matrix[0, 0], matrix[1, 1]],
-        principal_px=[matrix[0, 2], matrix[1, 2]],
-        rotation=rotation,
-        centre=-rotation.T @ translation * scale_of(options, "cm" if wildtrack else "m"),
-        image_size=size,
-        lens=lens_of(values, f"{lens}: camera {name}"),
-    )
-    return build_camera(pose, where, options)
+    called, unit = (WILDTRACK[name], "cm") if wildtrack else (name, "m")
+    model, centre = lens_of(values, f"{lens}: camera {name}"), -rotation.T @ translation
+    return camera_of_parts(matrix, rotation, centre, size, options, name=called, where=where, lens=model, unit=unit)

@@ -76,6 +76,7 @@ def camera_of_parts(
     name: str,
     where: str,
     lens: Lens = STRAIGHT,
+    unit: str = "m",
 ) -> Camera:
     """Create a camera from intrinsic matrix, rotation and centre.
 
@@ -88,6 +89,7 @@ def camera_of_parts(
         name: of the camera.
         where: file and camera, for messages.
         lens: distortion.
+        unit: length unit of the format, if the options state none.
 
     Raises:
         InputError: a parameter is impossible, or the skew, which a scene does not have, is above `MAX_SKEW_PX` at the
@@ -99,7 +101,7 @@ def camera_of_parts(
         focal_px=[k[0, 0], k[1, 1]],
         principal_px=[k[0, 2], k[1, 2]],
         rotation=rotation,
-        centre=centre * scale_of(options, "m"),
+        centre=centre * scale_of(options, unit),
         image_size=image_size,
         lens=lens,
     )
@@ -117,7 +119,7 @@ def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, F
     left = matrix[:, :3]
     if not abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3:
         raise InputError(
-            f"{where}: the left 3 x 3 part cannot be inverted; the camera would be at infinity",
+            f"{where}: the left 3 x 3 part cannot be inverted (a camera at infinity); correct its numbers",
             id="invalid-calibration",
         )
     # P and -P show the same image; the one with a positive determinant has points in front at w > 0.

@@ -93,7 +93,8 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
     transform = required(element, "transform", where)
     if number(inner, "skew", where, 0.0):
         raise InputError(
-            f"{where}: skew {inner.get('skew')}; cameras with a skew cannot be used", id="unsupported-format"
+            f"{where}: skew {inner.get('skew')}; cameras with a skew cannot be used: calibrate without skew",
+            id="unsupported-format",
         )
     r = np.array([[number(transform, f"r{i}{j}", where) for j in (1, 2, 3)] for i in (1, 2, 3)])
     region = _region(element, inner, where)

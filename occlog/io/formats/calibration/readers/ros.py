@@ -197,8 +197,8 @@ def _camera(
     names = [stated] if stated in tree else [f for f in tree if _OPTICAL.sub("", f) == name and f != name]
     if len(names) != 1:
         raise InputError(
-            f"{where}: the transforms ({', '.join(tree)}) have no frame {name}_optical_frame; add it: images need the "
-            "optical frame (x right, y down, z forward)",
+            f"{where}: exactly one frame {name}_optical_frame (x right, y down, z forward) is needed, but the "
+            f"transforms are of {', '.join(tree)}; add or rename it",
             id="missing-pose",
         )
     rotation, position = np.eye(3), np.zeros(3)

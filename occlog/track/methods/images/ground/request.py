@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from occlog.request import Request, group, output_file, scene_file, source
-from occlog.settings import setting
+from occlog.settings import option_setting
 
 from .config import GroundConfig
 
@@ -33,5 +33,5 @@ class GroundRequest(Request):
     view_tracks: Path = source("Tracks in images.", argument=True)
     output: Path = output_file("Tracks (Parquet).", "tracks")
     scene: Path | None = scene_file()
-    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: GroundConfig, example="target_height=0.8")

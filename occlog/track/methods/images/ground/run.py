@@ -92,7 +92,8 @@ class GroundSummary:
         """
         if not self.counts["times"]:
             raise InputError(
-                f"{where}: has no rows of these cameras, so that no position can be triangulated; choose others",
+                f"{where}: has no rows of the cameras in use, so that no position can be "
+                f"triangulated; choose others ({option('cameras')})",
                 id="empty-input",
             )
         if not self.targets:

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 ABOVE_0: dict[str, float] = {"above": 0.0, "at_most": 1e4}
 """Limits of settings that are lengths, or factors of lengths."""
@@ -37,11 +37,10 @@ class MipfConfig(Settings):
 
     OWNER: ClassVar[str] = "mipf"
 
-    particles: int = setting(
+    particles: int = option_setting(
         60,
         "Particles per target and view. More reduce the Monte Carlo error and take time in proportion.",
         at_least=1,
-        option="--particles",
     )
 
     # Motion of an ellipse; `moved` of `occlog.track.methods.images.kernels.motion`
@@ -224,7 +223,7 @@ class CmctConfig(LoopCheckConfig):
     OWNER: ClassVar[str] = "cmct"
     ALONE: ClassVar[str] = "does what mipf does, with colours that adapt"
 
-    particles: int = setting(100, "Particles of each target in each view.", at_least=1, option="--particles")
+    particles: int = option_setting(100, "Particles of each target in each view.", at_least=1)
     epipolar_fraction: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
     sigma_along_line_px: float = setting(
         8.0,
@@ -254,7 +253,7 @@ class McmcConfig(MipfConfig):
 
     OWNER: ClassVar[str] = "mcmc"
 
-    particles: int = setting(500, "Samples of the joint state of a view.", at_least=1, option="--particles")
+    particles: int = option_setting(500, "Samples of the joint state of a view.", at_least=1)
     sampler: str = setting(
         "mcmc", "Sampler: `mcmc` moves one target at a time, `sir` weights joint samples.", choices=("mcmc", "sir")
     )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.timing.utc import time_words
 from occlog.measure.detect.by_background.one_camera import check_size, plain_image
 from occlog.measure.epipolar.views import TrackedView
@@ -103,7 +103,8 @@ def survey(
             break
     if view is None:
         raise InputError(
-            f"camera {name}: not one frame can be decoded ({why}); leave this camera out", id="damaged-file"
+            f"camera {name}: not one frame can be decoded ({why}); leave this camera out ({option('without')})",
+            id="damaged-file",
         )
     if camera is not None:
         check_size(camera, (view.width, view.height))
@@ -185,8 +186,7 @@ def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -
         if last is not None and frame.t_ns < last:
             raise InputError(
                 f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
-                f"{time_words(last)} of the frame "
-                "read before it; frames must come in the order of time",
+                f"{time_words(last)} of the frame read before it; sort the frames by time",
                 id="unsorted-times",
             )
         last = frame.t_ns

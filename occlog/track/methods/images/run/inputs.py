@@ -39,7 +39,7 @@ from occlog.track.methods.images.initiation.regions import (
 from occlog.track.request import ViewsRequest
 
 from .frame_synchronisation import step_window, survey
-from .stage import Start
+from .stage import TrackerStart
 
 LARGE_ID = 2**30
 """Identities from here on leave few free numbers above them, fewer than there may be between others."""
@@ -121,7 +121,7 @@ class ViewsInput:
                 id="missing-pose",
             )
 
-    def starts(self) -> tuple[tuple[Start, ...], int]:
+    def starts(self) -> tuple[tuple[TrackerStart, ...], int]:
         """Return the trackers to start from the file of first ellipses, sorted by frame, and the first free identity.
 
         Without such a file, no trackers and 0. InputError if a frame named there does not exist.
@@ -134,7 +134,7 @@ class ViewsInput:
         if self._initial is None:
             self._check_frames(given)  # tables may be of a longer recording
         index_of = {name: v for v, name in enumerate(self.names)}
-        starts = [Start(index_of[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
+        starts = [TrackerStart(index_of[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
         starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
         self.given = len(starts)
         return tuple(starts), first_free([s.target_id for s in starts])
@@ -246,7 +246,7 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
             )
     names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
     if not names:
-        raise UsageError("no camera is left to track in; omit fewer of them", id="too-few-sensors")
+        raise UsageError(f"{option('without')}: no camera is left to track in; exclude fewer", id="too-few-sensors")
     return names
 
 

@@ -343,7 +343,7 @@ def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     if stage.confirmation_frames == 0 and request.initial_ellipses is None:
         raise UsageError(
             "confirmation_frames is 0, so detections initiate no tracker; give "
-            f"{option('initial_ellipses')}, or 1 or more",
+            f"{option('initial_ellipses')}, or set confirmation_frames to 1 or more",
             id="not-applicable",
         )
     return config, stage

@@ -193,7 +193,7 @@ MAX_COMPARISON_AGE_PERIODS = 1.5
 """Age [frame periods] to which a tracker's ellipse is compared with that of a tracker initiated in another view."""
 
 
-class Start(NamedTuple):
+class TrackerStart(NamedTuple):
     """A tracker to start in the first usable frame from number `frame`."""
 
     view: int
@@ -220,7 +220,7 @@ class TrackingSetup:
     geometry: ViewGeometry
     config: MipfConfig
     stage: ViewsConfig = field(default_factory=ViewsConfig)
-    starts: tuple[Start, ...] = ()
+    starts: tuple[TrackerStart, ...] = ()
     next_id: int = 0
     period_ns: tuple[int, ...] = ()
 
@@ -256,7 +256,7 @@ class _RunState:
     candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
     start_counts: StartCounts
-    waiting: tuple[Start, ...]  # starts with a frame still to come
+    waiting: tuple[TrackerStart, ...]  # starts with a frame still to come
     trackers: Mapping[TrackerKey, Floats]  # latest ellipse of each tracker
 
 

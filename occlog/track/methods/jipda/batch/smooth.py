@@ -43,8 +43,8 @@ from ..detector_model import (
 from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
-from ..kernels.lasting_errors.body_bias import body_bias_shift
-from ..lasting_errors.body_bias import with_body_bias
+from ..kernels.lasting_errors.bias_effects import bias_effects
+from ..lasting_errors.body_bias import with_biases
 from ..lasting_errors.common_error import new_variance
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
@@ -145,14 +145,11 @@ def smooth(
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
     out = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
-    return [
-        each._replace(
-            covariance=with_body_bias(
-                each.covariance, body_bias_shift(each.mean, each.covariance, state.views, rates)[0], state.body_bias
-            )
-        )
-        for each in out
-    ]
+    for k, each in enumerate(out):
+        shift, _, from_poses = bias_effects(each.mean, each.covariance, state.views, rates, state.sigma_pose)
+        covariance = with_biases(each.covariance, shift, state.body_bias, from_poses)
+        out[k] = each._replace(covariance=covariance)
+    return out
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:

@@ -86,7 +86,7 @@ def pack_views(
     if not n:
         return packed
     if any(isinstance(each, PositionSource) for each in views[: len(cameras)]):
-        raise ValueError("sources of positions must follow the cameras")
+        raise ValueError("views: sources of positions must come after all cameras")
     lens = np.zeros((n, LENS))
     lens[:, :4] = [math.inf, math.inf, -math.inf, -math.inf]
     lens[:, MODEL] = GROUND_PLANE

@@ -1,4 +1,4 @@
-"""Error of the body model that is common to all cameras, and its share of the covariances of positions.
+"""Error of the body model that is common to all cameras: its variance, and its effect on covariances of positions.
 
 If a body differs from the model, the centres of its boxes are too high or too low by a share of the height in all
 cameras. Cameras around a person determine this bias, which then hardly affects the position; with cameras on one side
@@ -21,18 +21,18 @@ SPELL_S, SPELL_SIGMA = 5.0, 0.03
 def bias_information(share: Floats, dt: float) -> float:
     """Return the information (inverse variance, in box heights^-2) about the body bias gained in `dt` seconds.
 
-    `share` (n,) of each tracked person, from `body_bias_shift`, is 1 if all cameras are on one side and less the better
+    `share` (n,) of each tracked person, from `bias_effects`, is 1 if all cameras are on one side and less the better
     they surround the person; the information is in proportion to the sum of 1 - share^2.
     """
     return float((1.0 - share**2).sum()) * dt / SPELL_S / SPELL_SIGMA**2
 
 
-def with_body_bias(covariance: Floats, shift: Floats, information: float) -> Floats:
-    """Return a copy of state covariances (n, 6, 6) with the variance of the body bias added to x and y.
+def with_biases(covariance: Floats, shift: Floats, information: float, poses: Floats) -> Floats:
+    """Return a copy of state covariances (n, 6, 6) with the variances of body bias and camera poses added to x and y.
 
     `shift` (n, 2) is how far x and y move per unit of bias, `information` the learned inverse variance of the bias, to
-    which that of the prior is added.
+    which that of the prior is added, and `poses` (n, 2, 2) the covariance of x and y due to the poses.
     """
     out = covariance.copy()
-    out[:, :2, :2] += shift[:, :, None] * shift[:, None, :] / (1.0 / PRIOR_SIGMA**2 + information)
+    out[:, :2, :2] += shift[:, :, None] * shift[:, None, :] / (1.0 / PRIOR_SIGMA**2 + information) + poses
     return np.asarray(out)

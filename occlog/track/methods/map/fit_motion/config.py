@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import MAX_SETTING, Settings, setting
+from occlog.settings import MAX_SETTING, Settings, option_setting, setting
 
 ESTIMATED, COVARIANCE = "estimated", "covariance"
 """Sources of the measurement noise if it is not given: estimated, or the covariances of tracks."""
@@ -18,35 +18,32 @@ class FitConfig(Settings):
 
     OWNER: ClassVar[str] = "fit-motion"
 
-    form: str = setting(
+    form: str = option_setting(
         "cv",
-        "Form of the transition matrix A: constant velocity, velocity that dies out, or free.",
+        "Form of the transition matrix A: constant velocity (cv), decaying velocity (damped), or free (full).",
         choices=("cv", "damped", "full"),
-        option="--form",
     )
-    process_noise_form: str = setting(
+    process_noise_form: str = option_setting(
         "white",
-        "Form of the process noise covariance Sigma: white acceleration and jitter of the position, a diagonal, or "
-        "free.",
+        "Form of the process noise covariance Sigma: white acceleration and jitter of the position (white), diagonal, "
+        "or free (full).",
         choices=("white", "diagonal", "full"),
-        option="--process-noise-form",
     )
-    process_noise_axes: str = setting(
+    process_noise_axes: str = option_setting(
         "same",
-        "Process noise: the same for x and y, or one for each.",
+        "Process noise of x and y: the same, or one for each.",
         choices=("same", "each"),
-        option="--process-noise-axes",
     )
-    method: str = setting(
+    method: str = option_setting(
         "em",
-        "Estimator: maximum likelihood with noisy positions (em), or regression on differences of exact ones.",
+        "Estimator: maximum likelihood with noisy positions (em), or regression on differences of exact positions "
+        "(differences).",
         choices=("em", "differences"),
-        option="--method",
     )
-    measurement_noise: str = setting(
+    measurement_noise: str = option_setting(
         ESTIMATED,
-        "Measurement noise: standard deviation of the positions, per axis; `covariance`: that of tracks.",
-        option="--measurement-noise",
+        "Measurement noise: standard deviation of the positions per axis, in their unit; or `covariance`: the "
+        "covariances of the tracks.",
         metavar="LENGTH|estimated|covariance",
     )
     step_s: float | None = setting(
@@ -60,7 +57,7 @@ class FitConfig(Settings):
     )
     max_gap_s: float | None = setting(
         None,
-        "Split trajectories at longer gaps between positions.",
+        "Split trajectories at gaps in time longer than this.",
         unit="s",
         above=0,
         option="--max-gap",

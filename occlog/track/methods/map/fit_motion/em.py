@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from occlog.array_types import Floats
+from occlog.errors import option
 
 from .parameters import SMALLEST, Shape, build, expected, limits, names, regression, slope, start
 from .report import MotionFit, Optimum, at_limit, information, report
@@ -116,7 +117,10 @@ def need(count: int, shape: Shape, what: str) -> None:
     """
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
-        raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; at least {least} are needed")
+        raise ValueError(
+            f"{count} {what} are too few for {len(names(shape))} parameters; at least {least} are "
+            "needed: give longer records"
+        )
 
 
 def prepare(
@@ -143,7 +147,8 @@ def prepare(
         R[:] = noise**2 * np.eye(2)
     elif not shape.noise and not nodes.cov[nodes.seen].any():
         raise ValueError(
-            "the positions have no covariance; give the measurement noise, or omit it to have it estimated"
+            f"the positions have no covariance (missing or 0); give {option('measurement_noise')} "
+            "LENGTH, or omit it to have the noise estimated"
         )
     # Limit from below, as for noise that is fitted.
     R = R * (0.0 if shape.noise else scale**-2) + (0.0 if shape.noise else SMALLEST**2) * np.eye(2)
@@ -154,7 +159,10 @@ def _scale(steps: Floats) -> float:
     """Return the root mean square of steps (n, 2) as the length scale; ValueError if nothing moves."""
     scale = float(np.sqrt(np.mean(steps**2))) if len(steps) else 0.0
     if not scale > 0.0:
-        raise ValueError("nothing moves from one step to the next, so there is no motion to identify")
+        raise ValueError(
+            "nothing moves from one step to the next, so there is no motion to identify; give "
+            "positions of objects that move"
+        )
     return scale
 
 

@@ -29,7 +29,7 @@ class FitMotionRequest(Request):
     RUN: ClassVar[str] = "occlog.track.methods.map.fit_motion.run:run_fit"
 
     positions: tuple[Path, ...] = source("Truth or tracks.", argument=True)
-    output: Path = output_file("The model (JSON).")
+    output: Path = output_file("The motion model (JSON).")
     settings: Mapping[str, object] = group(lambda: FitConfig)
     targets: tuple[int, ...] = setting(
         (),

@@ -77,7 +77,8 @@ def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
     """
     if gap_s < step_s:
         raise ValueError(
-            f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger {option('max_gap')}"
+            f"the longest gap to bridge, {gap_s:g} s, is shorter than the step, {step_s:g} s; "
+            f"give a larger {option('max_gap')} or a smaller {option('step')}"
         )
     median = median_step(paths)
     if step_s * LARGEST_FILL < median:
@@ -174,7 +175,8 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if config.measurement_noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
-                f"{opened.path}: truth has no covariance; give {option('measurement_noise')} LENGTH, or omit it",
+                f"{opened.path}: truth has no covariance, which {option('measurement_noise')} "
+                "covariance needs; give a LENGTH, or omit it",
                 id="missing-option",
             )
         paths += paths_of(table, request.targets)

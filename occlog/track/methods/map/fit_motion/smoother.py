@@ -235,7 +235,7 @@ def median_step(paths: Iterable[MeasuredPath]) -> float:
     steps = np.concatenate([np.diff(p.t_ns) for p in paths] or [np.empty(0, np.int64)])
     steps = steps[steps > 0]
     if not len(steps):
-        raise ValueError("no object has two positions at different times")
+        raise ValueError("no object has two positions at different times; give longer records")
     return float(np.median(steps)) / 1e9
 
 

@@ -81,7 +81,7 @@ def diffusion(model: GaussMarkov) -> Diffusion:
     singular = not sizes[-1] > 1e-14 * sizes[0]
     B = np.asarray(np.full((4, 4), np.nan) if singular else logm(model.A), dtype=np.complex128) / model.step_s
     if not np.all(np.isfinite(B)) or np.abs(B.imag).max() > 1e-9 * max(1.0, float(np.abs(B).max())):
-        raise ValueError("A has no real logarithm, so that it says nothing about steps of other lengths")
+        raise ValueError("A has no real logarithm, so steps of other lengths than its own are undefined")
     generator = np.ascontiguousarray(B.real)
     basis = np.eye(16).reshape(16, 4, 4)
     # Sigma is linear in S: one column for each entry of S.

@@ -431,7 +431,10 @@ def minimise(
     X = np.array(start, dtype=np.float64)
     gap = slack(problem.planes, X)
     if len(gap) and not gap.min() > 0.0:
-        raise ValueError(f"the start is outside constraint {int(np.argmin(gap))} by {-gap.min():g}")
+        raise ValueError(
+            f"the start of the search is outside constraint {int(np.argmin(gap))} by "
+            f"{-gap.min():g}; start inside all half-planes"
+        )
     mu = options.mu if len(gap) else 0.0
     multiplier = mu / gap
     here, promise, exact = cost(problem, X), math.inf, 1.0

@@ -138,7 +138,7 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
     """
     radius = float(np.abs(np.linalg.eigvals(model.A)).max())
     if not np.log10(max(radius, 1e-300)) * float(dt.sum()) / model.step_s < MAX_GROWTH:
-        raise ValueError("it grows without bound over these times (spectral radius above 1)")
+        raise ValueError("the motion grows without bound over these times (spectral radius of A above 1)")
     lengths, kind = np.unique(np.round(dt, 9), return_inverse=True)
     A, sigma = transitions(model, lengths)
     eye = np.broadcast_to(np.eye(4), sigma.shape)

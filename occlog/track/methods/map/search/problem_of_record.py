@@ -86,7 +86,9 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
     extent = _extent(scene)
     if not extent > 0:
         raise InputError(
-            "scene: the room has no extent, so that a trajectory has no scale; add `room`", id="missing-value"
+            "scene: neither the room nor the positions of sensors have an extent, so that a "
+            "trajectory has no scale; add `room` to the scene",
+            id="missing-value",
         )
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
     # Without a room a target can be as far as sensors see.
@@ -159,7 +161,9 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
         # Prior: a Gauss-Markov chain (Eqs. 1-3)
         steps = chain(motion_of(config), np.diff(record.t_ns) / NS, before.mean, before.spread)
     except (ValueError, np.linalg.LinAlgError) as error:
-        raise InputError(f"map: the motion model does not fit: {error}") from error
+        raise InputError(
+            f"map: the motion model does not fit the times: {error}; use form cv (`occlog fit-motion`)"
+        ) from error
     # Likelihood: a residual for each bearing (Eq. 4)
     lines = sight_lines(record, pending.at)
     # Constraints: half-planes in front of the cameras (Eq. 9), and in the room

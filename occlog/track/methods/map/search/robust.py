@@ -50,7 +50,7 @@ from occlog.track.methods.map.kernels.problem import (
 from occlog.track.methods.map.kernels.quadratic_program import sequential_programs
 from occlog.track.methods.map.kernels.terms import depths, inlier_probabilities, leverages, residuals
 from occlog.track.methods.map.kernels.windows import minimise_windows
-from occlog.track.methods.map.occlusion import OccluderTerms, occlusion_terms
+from occlog.track.methods.map.occlusion import OccluderCostTerms, occlusion_terms
 from occlog.track.methods.map.qp_solvers import program_solver
 from occlog.track.methods.map.record import TargetRecord
 from occlog.track.methods.map.station_biases import StationBiases
@@ -217,7 +217,7 @@ class RobustSearchResult(NamedTuple):
     inlier: Bools | None = None  # (N,) more probably true than false; None: all
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
     careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
-    hints: OccluderTerms | None = None  # what moving occluders say; None: nothing
+    hints: OccluderCostTerms | None = None  # what moving occluders say; None: nothing
     rivals: tuple[RivalMode, ...] = ()  # by rising cost
     biases: StationBiases | None = None  # of ranges; None: none are estimated
 
@@ -248,7 +248,7 @@ def plain_search(
         # Far from the minimum the loss itself is flat.
         start, _ = roughly(problem._replace(loss=HUBER, k=INITIAL_HUBER_K), start, config, pending.extent)
     mode = search_around(problem, start, around, config, pending.extent, watch)
-    hints: OccluderTerms | None = None
+    hints: OccluderCostTerms | None = None
     # Among moving occluders: again with what they say there
     for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
         before = mode.solution.X
@@ -400,7 +400,7 @@ def search_from(
     scales: Scales,
     *,
     careful: bool = False,
-    among: OccluderTerms | None = None,
+    among: OccluderCostTerms | None = None,
 ) -> RobustSearchResult:
     """Search from an initial path, alternating with the choice of accepted bearings, until that no longer changes.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import Settings, option_setting, setting
 
 
 @dataclass(frozen=True)
@@ -24,23 +24,23 @@ class FitReadersConfig(Settings):
         option="--window",
         metavar="SECONDS",
     )
-    tag_height: float = setting(
-        0.0, "Height of tags above the floor.", unit="length", people=1.2, option="--tag-height", metavar="LENGTH"
+    tag_height: float = option_setting(
+        0.0, "Height of tags above the floor.", unit="length", people=1.2, metavar="LENGTH"
     )
     max_gap_s: float = setting(
         2.0,
-        "Maximum gap between two true positions to interpolate.",
+        "Maximum gap in time between two true positions to interpolate.",
         unit="s",
         at_least=0,
         at_most=1e9,
         option="--max-gap",
         metavar="SECONDS",
     )
-    ranges: tuple[float, ...] | None = setting(
+    ranges: tuple[float, ...] | None = option_setting(
         None,
-        "Ranges to try for the virtual sensors; the one with the least error is kept.",
+        "Ranges to try for the virtual sensors [m, or scene unit], separated by commas; the one with the least error "
+        "is used.",
         unit="length",
-        option="--ranges",
         metavar="A,B,...",
         nothing="ten, from half of the readers' usual distance to their neighbours to twice it",
     )

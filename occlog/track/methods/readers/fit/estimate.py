@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.path_loss import NEAREST_M
+from occlog.errors import option
 from occlog.track.methods.readers.rssi import PathLoss, no_shadowing, predict_shadowing, update_shadowing
 from occlog.track.methods.readers.virtual_sensors import locate, virtual_sensors
 
@@ -67,8 +68,8 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     present = np.unique(reader)
     if len(rssi) < len(present) + 3:
         raise ValueError(
-            f"{len(rssi)} reads of {len(present)} readers are too few to fit path losses; at least {len(present) + 3} "
-            "are needed (the number of readers and 3)"
+            f"{len(rssi)} reads of {len(present)} readers are too few to fit path losses; at "
+            f"least {len(present) + 3} are needed (number of readers + 3): give longer recordings"
         )
     design = np.zeros((len(rssi), readers + 1))
     design[np.arange(len(rssi)), reader] = 1.0
@@ -76,7 +77,10 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
     used = np.append(present, readers)
     solution, _, rank, _ = np.linalg.lstsq(design[:, used], rssi, rcond=None)
     if rank < len(used) or not solution[-1] >= MIN_LOSS:
-        raise ValueError("strengths do not fall with the distance; check that the true positions are those of the tags")
+        raise ValueError(
+            "signal strengths do not fall with the distance to the reader; check that the true "
+            "positions are those of the tags"
+        )
     residual = rssi - design[:, used] @ solution
     variance = float(residual @ residual) / (len(rssi) - len(used))
     spread = np.sqrt(variance * np.diag(np.linalg.inv(design[:, used].T @ design[:, used])))
@@ -157,7 +161,10 @@ def choose_range(
         if best is None or rms < best.rms:
             best = Coverage(float(reach), detection, stray, rms)
     if best is None:
-        raise ValueError("no read is as strong as expected at any of the ranges; try longer ones")
+        raise ValueError(
+            "no read is as strong as the fitted path loss expects at any of the ranges tried; "
+            f"give longer {option('ranges')}"
+        )
     return best
 
 
@@ -172,10 +179,13 @@ def usual_ranges(positions: Floats) -> Floats:
     `positions` (R, 2) are those of the readers. ValueError for a single one, or if they stand at one position.
     """
     if len(positions) < 2:
-        raise ValueError("one reader alone does not determine the range; state ranges to try")
+        raise ValueError(f"one reader alone does not determine the range; give {option('ranges')} to try")
     away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))
     np.fill_diagonal(away, np.inf)
     usual = float(np.median(away.min(axis=1)))
     if not usual > 0.0:
-        raise ValueError("readers stand at one position; state ranges to try")
+        raise ValueError(
+            "all readers stand at one position, so no range to try follows from their distances; "
+            f"give {option('ranges')}"
+        )
     return usual * np.linspace(0.5, 2.0, 10)

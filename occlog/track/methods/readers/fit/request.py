@@ -28,6 +28,6 @@ class FitReadersRequest(Request):
     RUN: ClassVar[str] = "occlog.track.methods.readers.fit.run:run_fit_readers"
 
     recordings: tuple[Path, ...] = source("Recordings with reads and true positions.", argument=True)
-    output: Path = output_file("Path losses (JSON).")
+    output: Path = output_file("Path loss models and ranges of the readers (JSON), for `occlog track --path-loss`.")
     scene: Path | None = scene_file()
     settings: Mapping[str, object] = group(lambda: FitReadersConfig)

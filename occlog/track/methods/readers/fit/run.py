@@ -53,7 +53,8 @@ class _FitSamples:
         unknown = np.flatnonzero(~np.isin(reads.sensor, names))
         if len(unknown):
             raise InputError(
-                f"{opened.path}: reader {reads.sensor[unknown[0]]} is not in the scene; give its own scene",
+                f"{opened.path}: reader {reads.sensor[unknown[0]]} is not in the scene; give a scene "
+                f"with all readers ({option('scene')})",
                 id="unknown-sensor",
             )
         gap_ns = round(self.config.max_gap_s * NS)
@@ -61,7 +62,8 @@ class _FitSamples:
             own, path = reads.take(reads.target_id == target), truth.take(truth.target_id == target)
             if not len(path):
                 raise InputError(
-                    f"{opened.path}: the truth has no target {target}, of which there are reads; add it",
+                    f"{opened.path}: the truth has no target {target}, of which there are reads; add its "
+                    "true positions",
                     id="disjoint-inputs",
                 )
             positions = np.column_stack([path.x, path.y])
@@ -200,14 +202,15 @@ def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
         raise InputError(
-            f"{request.recordings[0]}: its scene has no readers; give a scene that has", id="too-few-sensors"
+            f"{request.recordings[0]}: its scene has no readers; give a scene that has ({option('scene')})",
+            id="too-few-sensors",
         )
     wanted = _layout(scene)
     for opened in inputs:
         if opened.scene is not None and request.scene is None and _layout(opened.scene) != wanted:
             raise UsageError(
-                f"{opened.path}: its readers or its unit are not those of {inputs[0].path}; fit each alone, or give "
-                "the scene of all",
+                f"{opened.path}: its readers or its length unit are not those of {inputs[0].path}; "
+                f"fit each alone, or give one scene of all ({option('scene')})",
                 id="incompatible-inputs",
             )
     return scene

@@ -16,6 +16,8 @@ MAX_RESIDUAL = 0.4
 """Boxes farther than this off, in heights, are of another person."""
 ANGLES = 2
 """Angles of a camera: about the vertical, and about its horizontal axis."""
+POSE_ERRORS = 5
+"""Errors of a camera's pose: these angles, and shifts along x, y and z of the world."""
 STATES = 3
 """Position on the ground and height of a person, which are eliminated."""
 
@@ -100,21 +102,45 @@ def centre_rows(
     residual = 0.5 * (box[:2] + box[2:] - expected[:2] - expected[2:])
     if np.abs(residual).max() > MAX_RESIDUAL * height:
         return 0
-    # The centre of the body in the camera's frame, and its derivatives by rotations about the vertical and about x
-    x, y = state[0] + delay * state[2] - lens[0], state[1] + delay * state[3] - lens[1]
-    z = 0.5 * state[4] - lens[2]
-    q = lens[3:6] * x + lens[6:9] * y + lens[9:12] * z
-    up = lens[9:12]
-    turns = (
-        (up[2] * q[1] - up[1] * q[2], up[0] * q[2] - up[2] * q[0], up[1] * q[0] - up[0] * q[1]),
-        (0.0, q[2], -q[1]),
-    )
+    moves = centre_slopes(lens, state, delay)
     for axis in range(2):
         weight = math.sqrt(1.0 / axis_noise(rates, axis, width, height, 1.0)[0])
         for k, column in enumerate((0, 1, 4)):
             out[axis, k] = weight * 0.5 * (slope[axis, column] + slope[axis + 2, column])
-        for angle, dq in enumerate(turns):
-            d = lens[12 + axis] * (dq[axis] - q[axis] * dq[2] / q[2]) / q[2]
-            out[axis, STATES + ANGLES * camera + angle] = weight * d
+        for angle in range(ANGLES):
+            out[axis, STATES + ANGLES * camera + angle] = weight * moves[axis, angle]
         out[axis, -1] = weight * residual[axis]
     return 2
+
+
+@kernel
+def centre_slopes(lens: Floats, state: Floats, delay: float) -> Floats:
+    """Return the derivatives of the centre of a body's image with respect to errors of the camera's pose.
+
+    The lens is taken as free of distortion.
+
+    Args:
+        lens: (LENS,) row of the camera in `PackedCameras.lens`.
+        state: (6,) x, y, vx, vy, height, width of the person.
+        delay: time of the frame after that of the state [s].
+
+    Returns:
+        (2, 5) derivatives of x and y [px]. Columns: rotation about the vertical and about the camera's horizontal axis
+        [px/rad]; shift of the camera along x, y and z of the world [px per scene unit].
+    """
+    out = np.empty((2, POSE_ERRORS))
+    x, y = state[0] + delay * state[2] - lens[0], state[1] + delay * state[3] - lens[1]
+    z = 0.5 * state[4] - lens[2]
+    # The centre of the body in the camera's frame
+    q = lens[3:6] * x + lens[6:9] * y + lens[9:12] * z
+    up = lens[9:12]
+    moved = np.empty((POSE_ERRORS, 3))
+    moved[0] = (up[2] * q[1] - up[1] * q[2], up[0] * q[2] - up[2] * q[0], up[1] * q[0] - up[0] * q[1])
+    moved[1] = (0.0, q[2], -q[1])
+    for axis in range(3):
+        moved[2 + axis] = -lens[3 + 3 * axis : 6 + 3 * axis]
+    for axis in range(2):
+        for error in range(POSE_ERRORS):
+            dq = moved[error]
+            out[axis, error] = lens[12 + axis] * (dq[axis] - q[axis] * dq[2] / q[2]) / q[2]
+    return out
