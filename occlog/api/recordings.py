@@ -15,7 +15,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 from occlog.errors import SPELLING, InputError, OcclogError, UsageError, did_you_mean
-from occlog.io.open import Opened, open_input
+from occlog.io.files.tables.table_writer import TableWriter
+from occlog.io.open import Opened, open_input, scene_in
+from occlog.records.columns import ColumnTable as Rows
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import TABLES
@@ -25,10 +27,6 @@ from .tables import Table, in_words
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from occlog.records.columns import ColumnTable as Rows
-
-    from .tables import Table
 
 
 class Sensor(NamedTuple):
@@ -196,8 +194,6 @@ def read_scene(source: SceneSource) -> Scene:
     """
     if isinstance(source, Scene):
         return source
-    from occlog.io.open import scene_in
-
     with CallInputs() as inputs:
         path = inputs.scene(source)
         found = None if path is None else scene_in(path)
@@ -230,8 +226,6 @@ def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Ta
     Raises:
         InputError: the input contains no such table.
     """
-    from occlog.io.files.tables.table_writer import TableWriter
-
     if opened.recording is None and opened.external_table is None:
         opened.require(table)
         return Table(opened.path)
@@ -296,8 +290,6 @@ class CallInputs:
         Raises:
             InputError: the value holds no rows, or its columns do not fit each other.
         """
-        from .tables import Table
-
         if isinstance(value, str | os.PathLike):
             return Path(value)
         if isinstance(value, Table | Recording):
@@ -323,8 +315,6 @@ class CallInputs:
 
         A `Scene` and a table of stations in memory are written to a temporary file.
         """
-        from .tables import Table
-
         if value is None or isinstance(value, str | os.PathLike):
             return None if value is None else Path(value)
         if isinstance(value, Table | Recording):

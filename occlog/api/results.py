@@ -15,8 +15,10 @@ from typing import Any
 import occlog
 from occlog.errors import InputError, OcclogError
 from occlog.io.files.provenance import verdicts_in
+from occlog.io.files.tables.parquet import read_table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
+from occlog.records.tables import Tracks
 from occlog.records.verdicts import Verdict, distinct
 
 from .folders import Folder
@@ -123,8 +125,6 @@ class TrackResult(Result):
         """Return the floor plan with the tracks as SVG text; empty without tracks in the plane."""
         if self.tracks.name != "tracks" or not len(self.tracks):
             return ""
-        from occlog.io.files.tables.parquet import read_table
-        from occlog.records.tables import Tracks
         from occlog.report.content.model import ReportInput
         from occlog.report.drawing import house_style
         from occlog.report.page import floorplan

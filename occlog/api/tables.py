@@ -14,7 +14,7 @@ import numpy as np
 from occlog.console.text import counted, noun
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
-from occlog.io.files.tables.parquet import describe
+from occlog.io.files.tables.parquet import arrow_batches, describe, open_parquet
 from occlog.records.losses import Loss
 
 from .folders import Folder
@@ -185,8 +185,6 @@ class Table:
         """
         import pyarrow as pa
 
-        from occlog.io.files.tables.parquet import open_parquet
-
         with open_parquet(self.path) as file:
             found = file.read(columns)
         for n, field in enumerate(found.schema):
@@ -207,8 +205,6 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return an HTML table of the first `NOTEBOOK_ROWS` rows with the columns' units, which notebooks show."""
-        from occlog.io.files.tables.parquet import arrow_batches
-
         first = next(arrow_batches(self.path, NOTEBOOK_ROWS), None)
         rows = [] if first is None else first.to_pylist()
         units = self.units

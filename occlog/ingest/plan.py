@@ -325,7 +325,6 @@ class IngestPlan(Settings):
         "Time [s] from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
         unit="s",
         option="--odas-hop",
-        metavar="SECONDS",
         nothing="needed for logs of ODAS, which count hops",
     )
     doa_algorithm: str | None = option_setting(

@@ -34,12 +34,7 @@ class WorldConfig(Settings):
     targets: int = option_setting(1, "Number of targets.", at_least=0)
     occluders: int = option_setting(0, "Number of other moving objects.", at_least=0)
     diameter: float = option_setting(
-        3.33,
-        "Diameter of every object; centres keep this distance.",
-        unit="length",
-        people=0.5,
-        above=0,
-        metavar="LENGTH",
+        3.33, "Diameter of every object; centres keep this distance.", unit="length", people=0.5, above=0
     )
     speed: float = option_setting(
         1.0, "Speed of an object, without noise.", unit="length/s", people=1.2, above=0, metavar="LENGTH"

@@ -58,9 +58,7 @@ class SimulateRequestBase(Request):
 
     output: Path = output_file("The recording (MCAP).")
     fps: float | None = option_setting(
-        None,
-        "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]",
-        **RATES,
+        None, "Frame rate of every camera. [default: the scene's rates; 25 for balls and people]", **RATES
     )
     seed: int = seed_of_all()
     workers: int | None = number_of_threads()
@@ -85,11 +83,7 @@ class SceneRequest(SimulateRequestBase):
     )
     avoidance: Mapping[str, object] = group(lambda: FieldConfig)
     seconds: float | None = option_setting(
-        None,
-        "Length of the recording, instead of --steps.",
-        unit="s",
-        at_least=0,
-        shown="",
+        None, "Length of the recording, instead of --steps.", unit="s", at_least=0, shown=""
     )
     rate_hz: float | None = setting(
         None,
@@ -109,9 +103,7 @@ class SceneRequest(SimulateRequestBase):
     reads: Mapping[str, object] = group(lambda: ReadConfig)
     measure: Mapping[str, object] = group(lambda: MeasureConfig)
     render: bool = option_setting(
-        False,
-        "Add video of every camera, true boxes, and the targets' appearance.",
-        shown="",
+        False, "Add video of every camera, true boxes, and the targets' appearance.", shown=""
     )
     look: Mapping[str, object] = group(lambda: RenderConfig, prefix=RENDER)
     store: Mapping[str, object] = group(lambda: StoreConfig, only=("store",))

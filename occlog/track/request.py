@@ -87,7 +87,6 @@ class TrackRequestBase(Request):
         unit="s",
         at_least=0,
         at_most=LONGEST_S,
-        metavar="SECONDS",
         shown="",
     )
     seed: int = seed_of_all()
@@ -209,7 +208,6 @@ class TrackRequest(_InWorld):
         above=0,
         at_most=LONGEST_S,
         option="--round-robin",
-        metavar="SECONDS",
         shown="",
     )
     motion: Path | None = source("Motion model from `occlog fit-motion` (JSON).")

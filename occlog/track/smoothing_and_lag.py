@@ -31,7 +31,6 @@ class LagConfig(Settings):
         at_least=1e-9,
         at_most=1e9,
         option="--lag",
-        metavar="SECONDS",
         nothing="no smoothing, or with --smooth all of it",
     )
 

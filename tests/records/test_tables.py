@@ -25,6 +25,16 @@ def bearings(**changes: object) -> Bearings:
     return Bearings.of(**{**values, **changes})
 
 
+def test_other_columns_are_cast_and_rows_with_nan_are_the_same() -> None:
+    table = bearings()
+    other = table.with_columns(target_id=[5, 6], u_px=[4, np.nan])
+    assert (other.target_id.tolist(), other.target_id.dtype, other.u_px.dtype) == ([5, 6], np.int32, np.float64)
+    assert other.sensor.tolist() == ["a", "b"]
+    assert table.same_rows(bearings())
+    assert not table.same_rows(other)
+    assert not table.same_rows(table.take(slice(0, 1)))
+
+
 @pytest.mark.parametrize("table", TABLES.values())
 def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
     for c in table.columns():

@@ -34,12 +34,7 @@ class FieldSettings(Settings):
     repulsion: float = setting(5.0, "Strength c_rep of an obstacle's potential.", people=CUBIC_METRE, at_least=0)
     repulsion_power: int = setting(2, "Exponent n of an obstacle's potential.", at_least=1)
     influence_distance: float = option_setting(
-        10.0,
-        "Distance rho_0 from which obstacles repel.",
-        unit="length",
-        people=1.5,
-        above=0,
-        metavar="LENGTH",
+        10.0, "Distance rho_0 from which obstacles repel.", unit="length", people=1.5, above=0
     )
     force: str = option_setting(
         "prevent",

@@ -127,9 +127,7 @@ class DetectRequest(Detection):
     embed: Path | None = _embed()
     network: Mapping[str, object] = group(lambda: NetworkConfig, only=OF_SHIPPED)
     fuse: bool = option_setting(
-        False,
-        "Fuse detections across cameras: remove false alarms, recover missed detections.",
-        shown="",
+        False, "Fuse detections across cameras: remove false alarms, recover missed detections.", shown=""
     )
     fusion: Mapping[str, object] = group(
         lambda: FuseConfig,

@@ -57,9 +57,7 @@ class EpipolarRequest(Request):
         metavar="FILE",
     )
     check: bool = option_setting(
-        False,
-        "Write nothing, and report how well the matches agree with the matrices or the poses.",
-        shown="",
+        False, "Write nothing, and report how well the matches agree with the matrices or the poses.", shown=""
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
     cameras: tuple[str, ...] = option_setting(

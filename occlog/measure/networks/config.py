@@ -47,9 +47,7 @@ class NetworkConfig(Settings):
     OWNER: ClassVar[str] = "network"
 
     runtime: str = option_setting(
-        OPENCV,
-        "Runtime of the networks; the others are extras to install.",
-        choices=(OPENCV, ONNXRUNTIME, OPENVINO),
+        OPENCV, "Runtime of the networks; the others are extras to install.", choices=(OPENCV, ONNXRUNTIME, OPENVINO)
     )
     head: str | None = option_setting(
         None,
@@ -92,15 +90,10 @@ class NetworkConfig(Settings):
         nothing="the whole image alone",
     )
     batch: int = option_setting(
-        1,
-        "Images per call of the network, where the network leaves it open.",
-        at_least=1,
-        at_most=256,
+        1, "Images per call of the network, where the network leaves it open.", at_least=1, at_most=256
     )
     embed_pixel_scaling: str = option_setting(
-        IMAGENET,
-        "As --pixel-scaling, for the network of --embed.",
-        choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW),
+        IMAGENET, "As --pixel-scaling, for the network of --embed.", choices=(UNIT, IMAGENET, IMAGENET_BGR, RAW)
     )
     embed_size: str | None = option_setting(
         None,

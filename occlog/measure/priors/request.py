@@ -36,11 +36,7 @@ class KalmanRequest(Request):
     measured: bool = option_setting(False, "POSITIONS are real measurements: no noise is added.", shown="")
     settings: Mapping[str, object] = group(lambda: PositionPriorConfig)
     without: tuple[int, ...] = option_setting(
-        (),
-        "Leave out the object with this identity; may be repeated.",
-        metavar="ID",
-        repeat=True,
-        shown="",
+        (), "Leave out the object with this identity; may be repeated.", metavar="ID", repeat=True, shown=""
     )
     seed: int = seed_of_all()
 

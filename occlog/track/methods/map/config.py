@@ -160,7 +160,6 @@ class MapConfig(Settings):
         at_least=1e-9,
         at_most=1e9,
         option="--lag",
-        metavar="SECONDS",
         nothing="all of it",
     )
     window_states: int = setting(

@@ -93,7 +93,6 @@ class GroundConfig(Settings):
         unit="s",
         at_least=0,
         option="--window",
-        metavar="SECONDS",
         shown="as when they were tracked",
     )
 

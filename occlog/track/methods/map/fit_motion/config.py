@@ -47,13 +47,7 @@ class FitConfig(Settings):
         metavar="LENGTH|estimated|covariance",
     )
     step_s: float | None = setting(
-        None,
-        "Time step of the model.",
-        unit="s",
-        above=0,
-        option="--step",
-        metavar="SECONDS",
-        nothing="the median time between positions",
+        None, "Time step of the model.", unit="s", above=0, option="--step", nothing="the median time between positions"
     )
     max_gap_s: float | None = setting(
         None,
@@ -61,7 +55,6 @@ class FitConfig(Settings):
         unit="s",
         above=0,
         option="--max-gap",
-        metavar="SECONDS",
         nothing="5 steps",
     )
 

@@ -16,17 +16,9 @@ class FitReadersConfig(Settings):
     OWNER: ClassVar[str] = "fit-readers"
 
     window_s: float = setting(
-        1.0,
-        "Window: reads within this time make one time step.",
-        unit="s",
-        above=0,
-        at_most=1e9,
-        option="--window",
-        metavar="SECONDS",
+        1.0, "Window: reads within this time make one time step.", unit="s", above=0, at_most=1e9, option="--window"
     )
-    tag_height: float = option_setting(
-        0.0, "Height of tags above the floor.", unit="length", people=1.2, metavar="LENGTH"
-    )
+    tag_height: float = option_setting(0.0, "Height of tags above the floor.", unit="length", people=1.2)
     max_gap_s: float = setting(
         2.0,
         "Maximum gap in time between two true positions to interpolate.",
@@ -34,7 +26,6 @@ class FitReadersConfig(Settings):
         at_least=0,
         at_most=1e9,
         option="--max-gap",
-        metavar="SECONDS",
     )
     ranges: tuple[float, ...] | None = option_setting(
         None,
