@@ -53,12 +53,12 @@ def test_known_targets_begin_as_confirmed_tracks_by_number():
 
 
 def test_a_step_adds_the_stated_noise_of_the_velocity_under_every_model():
-    """At rest there are no turns; the standard error of a deviation of 20,000 particles is 0.5 %."""
+    """At rest there are no turns; the standard error of a deviation of 3,000 particles is 1.3 %."""
     world = make_world(SCENE, replace(CONFIG, process_noise_velocity=0.3))
-    cloud = imm.ImmParticles(np.tile([8.0, 0.0, 6.0, 0.0], (20_000, 1)), np.zeros(20_000, dtype=np.int64))
+    cloud = imm.ImmParticles(np.tile([8.0, 0.0, 6.0, 0.0], (3_000, 1)), np.zeros(3_000, dtype=np.int64))
     after = move_track(world, track()._replace(cloud=cloud), 1.7, np.random.default_rng(0))
-    np.testing.assert_allclose(after.predicted[..., 1::2].std(axis=1), 0.3 * math.sqrt(1.7), rtol=0.03)
-    np.testing.assert_allclose(after.predicted[..., ::2].std(axis=1), 0.3 * math.sqrt(1.7**3 / 3.0), rtol=0.03)
+    np.testing.assert_allclose(after.predicted[..., 1::2].std(axis=1), 0.3 * math.sqrt(1.7), rtol=0.06)
+    np.testing.assert_allclose(after.predicted[..., ::2].std(axis=1), 0.3 * math.sqrt(1.7**3 / 3.0), rtol=0.06)
 
 
 def test_tracks_go_on_down_to_the_threshold_and_up_to_the_longest_coasting():
