@@ -14,8 +14,6 @@ from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.tracks import Track, moved_back, noise_back, smooth_backwards, trace_of
 
-pytestmark = pytest.mark.jit
-
 
 def trace(t_ns: int, states, models):
     return trace_of(Track(0, -1, imm.ImmParticles(states, models), 1.0, 1.0, 3, t_ns), t_ns)
@@ -38,6 +36,7 @@ def test_noise_moved_back_is_the_steps_noise_moved_back() -> None:
     np.testing.assert_allclose(noise_back(0.3, 0.7), np.kron(np.eye(2), expected), atol=1e-15)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("sigma_v", [0.0, 0.1, 1.0])
 def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: float) -> None:
     steps, F = 10, np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
@@ -71,6 +70,7 @@ def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: floa
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.jit
 def test_a_turn_that_shows_later_is_known_before() -> None:
     """A model that holds for long is stated by what the target does afterwards, and with it the way there."""
     config = replace(
