@@ -48,7 +48,7 @@ class FuseRequest(FuseRequestBase):
     fused_views: Path | None = sink(
         "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
     )
-    scene: Path | None = scene_file("the cameras with their lenses and poses")
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     settings: Mapping[str, object] = group(lambda: FuseConfig, example="process_noise_density=2")
 
 
