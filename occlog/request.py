@@ -156,9 +156,14 @@ def output_file(help: str, table: str = "", result: str = "") -> Any:
     return sink(help, table, required=True, option="-o/--output", result=result)
 
 
-def scene_file() -> Any:
-    """Declare the option `--scene`: a file with a scene, in place of the scene in the input."""
-    return source(SCENE_HELP, scene=True)
+def scene_file(needed: str = "") -> Any:
+    """Declare the option `--scene`: a file with a scene, in place of the scene in the input.
+
+    `needed`: what the command needs of the scene, where a table of sensor positions does not have it.
+    """
+    return source(
+        f"Scene file (YAML), or a recording that contains one, with {needed}." if needed else SCENE_HELP, scene=True
+    )
 
 
 def seed_of_all() -> Any:

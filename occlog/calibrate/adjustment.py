@@ -528,13 +528,14 @@ class Adjustment:
         return np.array([np.einsum("lij,lik,lkj->", U, spread, U) for U in motion.pushes(self.states)])
 
     def _absorbed(self, equations: _Equations) -> tuple[Floats, Floats]:
-        """Shares of the degrees of freedom of errors that the paths take up.
+        """Return what the estimated paths take up of the errors of boxes and of the changes of the motion.
 
-        The mean of the diagonal of the hat matrix, by random signs (Hutchinson 1990).
+        Both are estimated by random signs (Hutchinson 1990).
 
         Returns:
-            (2,) of left and right, and of upper and lower edges; and (D,) for each density of the motion the sum of
-            squares of its part of the changes that they take up.
+            (2,) share of the degrees of freedom of left and right, and of upper and lower edges, at most 0.9: mean of
+            the diagonal of the hat matrix; and (D,) for each density of the motion by how much the expected sum of
+            |U' d|^2 (U from `pushes`) of estimated changes d is smaller than that of the true changes.
         """
         A, off, _ = self._paths(equations, np.ones(4))
         seen, motion, rng = self.seen, self.motion, np.random.default_rng(0)

@@ -49,7 +49,7 @@ class CalibrateRequest(Request):
         "camera_info, a file camchain.yaml.",
         result="scene",
     )
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the cameras and their lenses")
     ignore_poses: bool = option_setting(
         False,
         "Start without the poses of the scene, from the intrinsics alone. Needed where they are wrong by more than "

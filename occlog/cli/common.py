@@ -111,7 +111,8 @@ def _input_units() -> click.Option:
         callback=_state,
         metavar="COLUMN=UNIT,...",
         help="Units of external columns without a unit in their name: bearing=deg,x=cm, or deg,cm for all angles and "
-        "lengths; of one file after its name: truth.csv:mm,tracks.csv:t=ms.",
+        "lengths; for one file, with its name before each: truth.csv:x=mm,truth.csv:t=ms. [default: s, and the scene's "
+        "unit of length; angles must state theirs]",
     )
 
 

@@ -224,9 +224,10 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
 
 
 def in_own_unit(value: Any, spec: Declaration) -> Any:
-    """Return a value of an option as a value of its setting: times `spec.scale`.
+    """Return the value of an option as its setting takes it: a number times `spec.scale`.
 
-    A repeated option gives a tuple of names.
+    An option that may be repeated gives one tuple, not scaled: texts are split at commas, unless `spec.whole`; other
+    values stay.
     """
     if spec.repeat:
         texts = () if spec.whole else (text for text in value if isinstance(text, str))

@@ -118,7 +118,10 @@ class SystematicErrors:
         return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
 
     def _add_target(self, tracks: Tracks, parts: Sequence[StatedResiduals]) -> None:
-        """Add the linearised residuals of one target, window by window.
+        """Add the bearings of one target to the normal equations of the yaw and clock errors of all sensors.
+
+        Residuals are linearised about the estimates, in windows of `WINDOW_S`; windows of fewer than 3 bearings, or of
+        one sensor, are left out.
 
         Args:
             tracks: estimates of the target, by time.

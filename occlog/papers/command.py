@@ -37,7 +37,9 @@ from occlog.errors import ExitCode
     default=None,
     help="Bearings for the experiments on recorded detections, instead of --data; give --scene too.",
 )
-@options.scene_opt
+@click.option(
+    "--scene", type=options.INPUT, default=None, help="Scene (YAML or a recording) with the cameras of --bearings."
+)
 @click.option(
     "--workers",
     type=click.IntRange(min=1),

@@ -462,8 +462,8 @@ VERDICT: dict[str, Message] = {
     ),
     "adjustment-not-converged": Message(
         W,
-        "the bundle adjustment did not converge in its maximum number of iterations",
-        "use a longer recording, or more rounds ({option[set]} rounds=4)",
+        "the bundle adjustment did not converge in its maximum of iterations",
+        "use a longer recording, or more rounds of association and adjustment ({option[set]} rounds=4)",
     ),
     "camera-moved-far": Message(
         W,
@@ -781,12 +781,12 @@ VERDICT: dict[str, Message] = {
     ),
     "pictures-turned": Message(
         N,
-        "camera {sensors}: its images are {how}, as the metadata of the file state",
+        "camera {sensors}: its images were {how} on reading, as the metadata of the file ask",
         "use a calibration of images with this rotation",
     ),
     "pictures-not-turned": Message(
         N,
-        "camera {sensors}: its images are stored as coded, and not {how} as the metadata of the file state",
+        "camera {sensors}: its images are stored as coded, and not {how} as the metadata of the file ask",
         "use a calibration of images without this rotation",
     ),
     "pixels-not-square": Message(
@@ -855,7 +855,7 @@ VERDICT: dict[str, Message] = {
     "microphone-interrupted": Message(
         W,
         "array {sensors}: microphone {microphones} falls silent: no level in {share:.0%} of the sound of the others",
-        "check its cable, or cut the recording before that time",
+        "check its cable, or use a part of the recording with its sound",
     ),
     "microphones-identical": Message(
         W,

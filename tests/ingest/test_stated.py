@@ -101,7 +101,7 @@ def test_info_lists_what_a_video_states(shared_cases: Path, tmp_path: Path, caps
     found = ingest(tmp_path, "--video", f"cam1={shared_cases / 'v23-turned-by-metadata' / 'rot180.mp4'}")
     assert set(found) == {"pictures-turned"}
     assert run(["info", str(tmp_path / "w.mcap")]) == ExitCode.DONE
-    assert "note: ingest: camera cam1: its images are rotated by 180 deg" in capsys.readouterr().out
+    assert "note: ingest: camera cam1: its images were rotated by 180 deg" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("bits", "ids"), [(14, {"values-dim"}), (16, set())])

@@ -70,9 +70,7 @@ KINDS = {
     "latin": Kind("boxes", "c.csv", (BOXES + "é").encode("latin-1"), "not UTF-8 text"),
     "utf-16": Kind("boxes", "c.csv", GOOD.encode("utf-16")[:-1], "not UTF-8 text"),
     "superscript": Kind("boxes", "c.csv", BOXES + "0,²,2,3,4\n", "left is '²'; a number"),
-    "column twice": Kind(
-        "boxes", "c.csv", "frame,left,left,width,height\n0,1,2,3,4\n", "two columns are read as 'left'"
-    ),
+    "column twice": Kind("boxes", "c.csv", "frame,left,left,width,height\n0,1,2,3,4\n", "are both read as 'left'"),
     "decimal comma": Kind("boxes", "c.csv", "frame;left;top;width;height\n0;1,5;2;3;4\n", "a decimal comma"),
     "gzip cut": Kind("boxes", "c.csv", gzip.compress(GOOD.encode())[:30], "damaged gzip file"),
     "gzip flip": Kind("boxes", "c.csv", b"\x1f\x8b\x08" + bytes(7) + b"\xff" * 5, "damaged gzip file"),

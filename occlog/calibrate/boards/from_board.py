@@ -125,7 +125,11 @@ def _images(path: Path, name: str, losses: list[Loss]) -> Iterator[Image]:
 
 
 def _figures(each: BoardLens) -> dict[str, object]:
-    """Return the summary figures of one calibrated lens."""
+    """Return the figures of one calibrated lens for the summary.
+
+    Intrinsics [px] with standard deviations, distortion, reprojection error [px], views used and rejected, and the
+    share of the image that the boards covered.
+    """
     camera = each.camera
     return {
         "focal_px": [round(float(v), 2) for v in camera.focal_px],

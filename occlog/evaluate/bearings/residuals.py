@@ -183,7 +183,7 @@ class AgainstBearings:
         """Create empty statistics.
 
         Args:
-            sources: inputs; they have bearings and tracks, a truth or both, or measurements and a truth.
+            sources: inputs: either bearings with tracks, with a truth, or with both; or measurements with a truth.
             known: identities and times of tracks and truth.
             outlines: coarse paths of the true objects.
             scene: the sensors.

@@ -59,7 +59,8 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
     "--exclude",
     multiple=True,
     metavar="GLOB",
-    help="Exclude the files of folders with names of this pattern, such as 'report.*'; may be repeated.",
+    help="Leave out files of the compared folders if their name, or their path in the folder, matches this pattern, "
+    "such as 'report.*'; may be repeated.",
 )
 @click.option(
     "--pixels",

@@ -53,8 +53,8 @@ class SightingConfig(Settings):
     )
     iou_threshold: float = option_setting(
         0.3,
-        "IoU threshold (intersection over union) of a box with the predicted box of a track, for the box to be of "
-        "the track.",
+        "Minimum IoU (intersection over union) of a box with the box expected of a person at a track's position, for "
+        "the box to be of that person. Tracks are not changed.",
         above=0,
         at_most=1,
         metavar="SHARE",

@@ -48,7 +48,7 @@ class LearnRequest(Request):
         "instead of associating boxes and tracks by position.",
         shown="",
     )
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     settings: Mapping[str, object] = group(lambda: LearnConfig)
 
 

@@ -76,7 +76,7 @@ class Detection(Request):
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "bearings"
     )
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     cameras: tuple[str, ...] = option_setting(
         (), "Use these cameras only, names separated by commas.", metavar="A,B,...", shown=""
     )

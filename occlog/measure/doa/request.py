@@ -18,14 +18,15 @@ from .config import DoaConfig
 class DoaRequest(Request):
     """Estimate directions of arrival in the sound of microphone arrays (WAV, one channel per microphone).
 
-    The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays. Each frame
-    of sound gives the directions of its sources in the world frame, with standard deviations and the agreement of the
-    phases; silence gives none. A flat array does not distinguish above from below: it gives the direction above.
+    The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays, by the name
+    of the array before =. Each frame of sound gives the directions of its sources in the world frame, with standard
+    deviations and the agreement of the phases; silence gives none. A flat array does not distinguish above from
+    below: it gives the direction above.
     Needs the package pyroomacoustics: pip install pyroomacoustics.
 
     \b
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z
-      occlog listen --arrays table=microphones.csv table=talk.wav -o doa.parquet --max-sources auto --min-snr 10
+      occlog listen --arrays desk=microphones.csv desk=talk.wav -o doa.parquet --max-sources auto --min-snr 10
     """
 
     OWNER: ClassVar[str] = "listen"
@@ -35,7 +36,7 @@ class DoaRequest(Request):
         "Sound files of an array.", argument=True, there=False, metavar="[ARRAY=]FILE.wav..."
     )
     output: Path = output_file("Directions of arrival (Parquet).", "doa")
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the microphone arrays")
     arrays: tuple[str, ...] = option_setting(
         (),
         "Positions of the microphones of an array, instead of the scene's: a CSV table x, y, "

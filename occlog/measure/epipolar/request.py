@@ -41,7 +41,7 @@ class EpipolarRequest(Request):
     output: Path | None = sink(
         "Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", option="-o/--output"
     )
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     matches: Path | None = source(
         "Points that two views share: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.", metavar="FILE"
     )

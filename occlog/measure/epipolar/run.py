@@ -73,8 +73,8 @@ def _check_usage(request: EpipolarRequest) -> None:
         raise UsageError(f"name the output with -o, or give {option('check')}", id="missing-option")
     if not request.check and some and request.fundamental is not None:
         raise UsageError(
-            f"matrices come from {option('fundamental')} or from matches; give one, or "
-            f"{option('check')} to compare them",
+            f"{option('fundamental')} and matches both give matrices; leave one out, or give {option('check')} to "
+            "compare them",
             id="conflicting-options",
         )
     if output is not None and is_recording_name(output) and request.recording is None:

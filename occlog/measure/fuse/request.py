@@ -48,8 +48,8 @@ class FuseRequest(FuseRequestBase):
     fused_views: Path | None = sink(
         "Write the views after the fusion (Parquet).", "views", result="views", asked="views"
     )
-    scene: Path | None = scene_file()
-    settings: Mapping[str, object] = group(lambda: FuseConfig, example="detection_gate=3")
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
+    settings: Mapping[str, object] = group(lambda: FuseConfig, example="process_noise_density=2")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class TrackFusionRequest(FuseRequestBase):
     events: Path | None = sink(
         "Write track initiations, terminations and possible identity switches (Parquet).", "events"
     )
-    settings: Mapping[str, object] = group(lambda: TrackFusionConfig, example="reach=3")
+    settings: Mapping[str, object] = group(lambda: TrackFusionConfig, example="max_gap_s=2")
 
 
 VERB = Verb(
@@ -82,5 +82,5 @@ VERB = Verb(
     default=DETECTIONS,
     by={"with": lambda _: TRACKS},
     chosen_by="fuse [--with TRACKS]",
-    example="detection_gate=3",
+    example="process_noise_density=2",
 )

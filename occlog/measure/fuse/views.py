@@ -31,7 +31,7 @@ class PlacedCameras:
         placed: the cameras.
         sensors: their packed geometry.
         region: (K, 2) polygon in which objects can be.
-        far: (C,) distance of the farthest position of the room in range [length].
+        far: (C,) distance of the farthest position of the room, at most the camera's range [length].
         p_miss: (C,) probability that a camera misses what it could see, [Lee] P_M.
         p_false: (C,) probability that a camera reports a false object, [Lee] P_F.
         person_height: height of a person [length]; None: unknown.

@@ -105,7 +105,7 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
         InputError: the file is not such a network, or cannot be run.
         UsageError: a setting does not apply to it.
     """
-    network = ready(path, config.runtime, threads, size_of(config.embed_size), batch=1)
+    network = ready(path, config.runtime, threads, size_of(config.embed_size, "embed_size"), batch=1)
     width, height = network.size
     outputs = network.run(np.full((network.batch, 3, height, width), 0.5, dtype=np.float32))
     # A vector: no extent but one, as (B, D) or (B, D, 1, 1)
@@ -324,7 +324,7 @@ def open_detector(
         InputError: the file is no detection network, or cannot be run.
         UsageError: a class that the network does not have, or a setting that does not apply to it.
     """
-    network = ready(path, config.runtime, threads, size_of(config.size), config.batch)
+    network = ready(path, config.runtime, threads, size_of(config.size, "size"), config.batch)
     metadata = network.file.metadata
     width, height = network.size
     try:

@@ -175,17 +175,22 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
     return size
 
 
-def size_of(text: str | None) -> tuple[int, int] | None:
-    """Parse width and height from `640` or `960x544`; UsageError for another text."""
+def size_of(text: str | None, named: str) -> tuple[int, int] | None:
+    """Parse width and height [px] from `640` (a square) or `960x544`; None for None, UsageError for another text.
+
+    `named` is the name of the setting, for messages.
+    """
     if text is None:
         return None
     try:
         sides = [int(part) for part in text.lower().split("x")]
         width, height = sides * 2 if len(sides) == 1 else sides
     except ValueError:
-        raise UsageError(f"size {text!r}: expected 640, or 960x544 (width x height)") from None
+        raise UsageError(
+            f"{option(named)} {text!r}: expected the side of a square in px (640), or width x height (960x544)"
+        ) from None
     if not all(1 <= side <= LARGEST_SIDE for side in (width, height)):
-        raise UsageError(f"size {text!r}: expected sides of 1 to {LARGEST_SIDE} px")
+        raise UsageError(f"{option(named)} {text!r}: expected sides of 1 to {LARGEST_SIDE} px")
     return width, height
 
 

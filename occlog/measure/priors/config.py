@@ -124,7 +124,7 @@ class AcousticConfig(Settings):
     )
     confirmation_time_s: float = setting(
         0.3,
-        "Minimum time for which a source has been detected before it gives priors.",
+        "Minimum time for which a source has been detected before it gives priors of an occluder.",
         unit="s",
         at_most=1e9,
         at_least=0,

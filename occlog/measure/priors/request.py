@@ -60,7 +60,7 @@ class HullRequest(Request):
         "Occluder priors: mean and covariance of each polygon at each time (Parquet).", "occluders"
     )
     hulls: Path | None = sink("Also write the polygons of the visual hulls (Parquet).", "hulls")
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     bearings: Path | None = source(
         "Bearings made along with VIEWS, which distinguish frames without people from missing frames."
     )

@@ -169,9 +169,10 @@ def _gram(root: Floats) -> Floats:
 
 
 def _sparse() -> float:
-    """Share of the rows of the Jacobian J ([Rahimi] Sec. 5) with two entries.
+    """Return the share of rows with two nonzero entries in the Jacobian J ([Rahimi] Sec. 5).
 
-    They are the rows of G (Eq. 3), and one of a bearing at each time.
+    J consists of the rows of G (Eq. 3), with three entries for a position and two for a velocity, and of one row of a
+    bearing at each time, with two.
     """
     two = list(np.count_nonzero(_rows(np.diag(1.0 / np.sqrt(np.diag(NOISE)))), axis=1) == 2)
     # A bearing has the gradients by the two coordinates of its position

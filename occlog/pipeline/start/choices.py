@@ -425,7 +425,12 @@ Group = tuple[Item, ...]
 
 
 class OpenedCalibration(NamedTuple):
-    """A calibration that was read: items with its files, and content."""
+    """A calibration that was read from input files.
+
+    Attributes:
+        items: the files that it consists of: one, or one a camera.
+        file: the cameras read from them, with format, unit and notes.
+    """
 
     items: Group
     file: CalibrationFile

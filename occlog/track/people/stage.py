@@ -113,7 +113,10 @@ def track_people(
 
 
 def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDetectionsWithIds] | None) -> Floats:
-    """Return the origin (2,) of local coordinates: near the cameras, or near the first positions without cameras."""
+    """Return the origin (2,) of local coordinates: near the cameras, else near the first positions from sensors.
+
+    Without cameras it is the mean of the positions, rounded to a grid of `SIDE`, or (0, 0) if there are none.
+    """
     placed = [c for c in cameras if not isinstance(c, PositionSource)]
     if placed:
         return map_origin(placed)

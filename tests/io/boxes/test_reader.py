@@ -145,7 +145,7 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
         ("frame,left,top,right,bottom\n0,1,2,3\n", "line 2: 4 cells, but the first line has 5"),
         ("frame,left,top,right,botom\n0,1,2,3,4\n", "unknown column 'botom'.* did you mean 'bottom'"),
         ("frame,left,top,right\n0,1,2,3\n", "has no column right and bottom"),
-        ("frame,left,left,right,bottom\n0,1,2,3,4\n", "two columns are read as 'left'"),
+        ("frame,left,left,right,bottom\n0,1,2,3,4\n", "are both read as 'left'"),
         ("left,top,right,bottom\n1,2,3,4\n", "has no column frame"),
         ("1,2,3,4,5\n", "5 columns; MOTChallenge has 7 to 10"),
         ("frame,time,left,top,w,h\n0,1,1,1,1,1\n0,2,1,1,1,1\n", "line 3: frame 0 of camera cam has two times"),

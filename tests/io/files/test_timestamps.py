@@ -207,7 +207,7 @@ def test_times_are_read_up_to_half_the_range_of_64_bits() -> None:
 def test_a_number_of_seconds_beyond_the_year_5138_is_of_another_unit() -> None:
     with pytest.raises(InputError, match="out of range for s"):
         parse_time("1e11", "s")
-    with pytest.raises(InputError, match="too large for seconds; name the column t_ms, t_us or t_ns"):
+    with pytest.raises(InputError, match="too large for seconds"):
         parse_time("100000000001", "s")
 
 

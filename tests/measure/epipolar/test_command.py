@@ -229,7 +229,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
             "writes nothing",
         ),
         (["--matches", "scene.csv", "--from-tracks", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
-        (["--matches", "scene.csv", "--fundamental", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
+        (["--matches", "scene.csv", "--fundamental", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "leave one out"),
         (["--scene", "scene.yaml", "-o", "x.mcap"], ExitCode.USAGE, "give RECORDING"),
         (["--scene", "scene.yaml", "-o", "x.json", "--cameras", "a,z"], ExitCode.USAGE, "no matrix is of two of these"),
         (

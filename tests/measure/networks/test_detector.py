@@ -109,11 +109,11 @@ def test_the_size_is_the_networks_or_has_to_be_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "a", "0", "64x", "64x64x64", "9000", "-3"])
 def test_a_size_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="size"):
-        size_of(text)
+        size_of(text, "size")
 
 
 def test_sizes_are_width_and_height() -> None:
-    assert (size_of("640"), size_of("960x544"), size_of(None)) == ((640, 640), (960, 544), None)
+    assert (size_of("640", "size"), size_of("960x544", "size"), size_of(None, "size")) == ((640, 640), (960, 544), None)
 
 
 def test_rtdetr_is_reported_the_size_of_its_own_images(tmp_path: Path) -> None:

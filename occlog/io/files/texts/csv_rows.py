@@ -531,7 +531,9 @@ def _resolve(
             )
         if name is not None and name in names:
             raise InputError(
-                f"{path}: line {line}: two columns are read as {name!r}; remove or rename one", id="duplicate-name"
+                f"{path}: line {line}: columns {header[names.index(name)]!r} and {cell!r} are both read as {name!r}; "
+                "remove or rename one",
+                id="duplicate-name",
             )
         names.append(name)
     return names

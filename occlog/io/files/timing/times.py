@@ -108,7 +108,8 @@ def parse_time(text: str, unit: str = "s") -> int:
         raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held", id="time-out-of-range")
     if unit == "s" and abs(value) > LATEST_S:
         raise InputError(
-            f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns", id="time-out-of-range"
+            f"time {text!r}: too large for seconds; write seconds, or name the column of a table t_ms, t_us or t_ns",
+            id="time-out-of-range",
         )
     ns = int((value * UNITS[unit]).to_integral_value())
     if abs(ns) > MAX_NS:
@@ -118,7 +119,7 @@ def parse_time(text: str, unit: str = "s") -> int:
         )
     step = last_place(text) * UNITS[unit]
     if step > COARSEST_NS:
-        raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
+        raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or in a table t_ns in whole numbers")
     return ns
 
 

@@ -124,8 +124,8 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: WrittenSequence, *, ov
     last = int(truth.frame.max()) if len(truth) else -1
     if last >= info.frames:
         raise InputError(
-            f"{folder}: truth has a box in frame {last}, but the last frame of the sequence is {info.frames - 1}; "
-            "remove it"
+            f"{folder}: not written: the truth has a box in frame {last}, but the last frame of the sequence is "
+            f"{info.frames - 1}; remove it from the truth"
         )
     with translate_write_errors(folder):
         (folder / "gt").mkdir(parents=True, exist_ok=True)
@@ -152,12 +152,15 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
     cameras = np.unique(boxes.sensor).tolist()
     if len(cameras) > 1:
         raise InputError(
-            f"{path}: boxes of {len(cameras)} cameras ({', '.join(cameras)}); MOTChallenge text holds one camera, "
-            "write a file for each",
+            f"{path}: not written: boxes of {len(cameras)} cameras ({', '.join(cameras)}); MOTChallenge text "
+            "holds one camera, write a file for each",
             id="ambiguous-input",
         )
     if len(boxes) and boxes.frame.min() < 0:
-        raise InputError(f"{path}: frame {int(boxes.frame.min())}; frames are numbered from 0; correct it")
+        raise InputError(
+            f"{path}: not written: a box has frame number {int(boxes.frame.min())}, and frames are numbered from 0; "
+            "correct the boxes that are exported"
+        )
 
 
 def _check_identities(path: Path, boxes: Boxes) -> None:
@@ -168,15 +171,16 @@ def _check_identities(path: Path, boxes: Boxes) -> None:
     bad = np.flatnonzero(boxes.target_id < 0)
     if len(bad):
         raise InputError(
-            f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity, which truth and tracks need; give it "
-            "one, or leave it out",
+            f"{path}: not written: a box in frame {boxes.frame[bad[0]]} has no identity, which truth and tracks need; "
+            "give it one, or leave it out of the boxes that are exported",
             id="missing-labels",
         )
     twice = np.flatnonzero((np.diff(boxes.frame) == 0) & (np.diff(boxes.target_id) == 0))
     if len(twice):
         row = int(twice[0])
         raise InputError(
-            f"{path}: identity {boxes.target_id[row]} has two boxes in frame {boxes.frame[row]}; keep one",
+            f"{path}: not written: identity {boxes.target_id[row]} has two boxes in frame {boxes.frame[row]}; keep one "
+            "in the boxes that are exported",
             id="duplicate-row",
         )
 

@@ -67,11 +67,14 @@ def _average(table: Table, series: str, since: float, until: float) -> PaperRow 
 
 
 def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[StatementVerdict]]:
-    """Create a function that judges whether cameras are asked less often if their answers are used.
+    """Create a function that judges [Lee]'s statement that an array asks cameras less often if it uses their answers.
+
+    The function takes a table of the share of steps in which the filter of an array asks cameras for positions, with
+    and without use of the answers. It returns a verdict for each of the arrays A1 and A2 that the table has.
 
     Args:
-        key: begins the ids of its verdicts.
-        since: begin of the interval [s].
+        key: begin of the verdicts' ids.
+        since: begin of the interval over which the shares are averaged [s].
         until: its end, excluded [s].
     """
 

@@ -115,12 +115,14 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
 
 
 def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance of the planes after one was restarted from the combined estimate.
+    """Return the (12, 12) joint error covariance of three planes after one was restarted from the combined estimate.
+
+    The states are (a, b, va, vb) of the planes xy, yz and zx, in this order.
 
     Args:
         errors: (12, 12) joint error covariance before.
-        plane: number of the restarted plane.
-        combination: (6, 12) combined state as a linear function of the planes' states.
+        plane: the restarted plane, 0 to 2.
+        combination: (6, 12) matrix that gives the combined state (x, y, z, vx, vy, vz) from the planes' states.
     """
     T = np.eye(12)
     T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination

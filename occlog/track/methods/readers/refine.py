@@ -38,11 +38,17 @@ class TagSightings(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """N positions of tags, refined by lines of sight of cameras where possible, and which of C cameras refined each."""
+    """N positions of radio tags, refined by lines of sight of C cameras where these suffice, else coarse.
 
-    xy: Floats  # (N, 2)
-    covariance: Floats  # (N, 2, 2)
-    used: Bools  # (N, C) cameras that it was refined by
+    Attributes:
+        xy: (N, 2) positions on the ground.
+        covariance: (N, 2, 2) covariances of the positions.
+        used: (N, C) whether a camera's line of sight refined the position.
+    """
+
+    xy: Floats
+    covariance: Floats
+    used: Bools
 
 
 def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> Refined:

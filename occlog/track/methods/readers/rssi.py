@@ -197,7 +197,10 @@ def step(
         return ReadUpdate(moved._replace(weights=weights, shadowing=shadowing), total)
 
     def update(dt_s: float) -> ReadUpdate | None:
-        """Predict particles by dt_s seconds with Ornstein-Uhlenbeck velocities."""
+        """Return the particles, predicted by `dt_s` seconds and weighted by the reads; None if none explains them.
+
+        Velocities are Ornstein-Uhlenbeck processes.
+        """
         draw = weighed(_predict(tag_model, cloud, t_ns, dt_s, rng))
         return draw if draw.log_likelihood > -math.inf else None
 

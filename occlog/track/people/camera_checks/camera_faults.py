@@ -214,7 +214,11 @@ class CameraFaults:
 
 
 class _Search:
-    """Search for mistakes of cameras over a set of time steps: tries corrections, and compares overlaps of boxes."""
+    """Search, over a set of time steps, for wrong poses, lenses, clocks or image sizes of cameras, and swapped files.
+
+    People located by each camera are projected into the others; of the corrections tried, the one with which most
+    projections overlap a box counts.
+    """
 
     def __init__(
         self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float

@@ -191,7 +191,8 @@ def camera_errors(
 def rotation(normal: Floats, camera: int) -> Floats:
     """Return yaw and pitch (2,) [rad] to add to a camera's points in the normalised image, by least squares.
 
-    `normal` (T, K, K + 1) are normal equations from `fit_pairs`, `camera` is the index of the camera.
+    `normal` (T, K, K + 1) are the normal equations, of K parameters at T time steps, from `fit_pairs`; `camera` is the
+    index of the camera.
     """
     x = Evidence(normal, np.eye(normal.shape[1])).solved()[0]
     own = _parameters([camera], YAW)[0]

@@ -32,6 +32,6 @@ class GroundRequest(Request):
 
     view_tracks: Path = source("Tracks in images.", argument=True)
     output: Path = output_file("Tracks (Parquet).", "tracks")
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the lenses and poses of the cameras")
     cameras: tuple[str, ...] = option_setting((), "Use these cameras only.", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: GroundConfig, example="target_height=0.8")

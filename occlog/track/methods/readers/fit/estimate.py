@@ -174,7 +174,7 @@ def _share(detected: Bools) -> float:
 
 
 def usual_ranges(positions: Floats) -> Floats:
-    """Return (10,) candidate ranges: half to twice the median nearest-neighbour distance of readers.
+    """Return (10,) equally spaced candidate ranges: half to twice the median nearest-neighbour distance of readers.
 
     `positions` (R, 2) are those of the readers. ValueError for a single one, or if they stand at one position.
     """

@@ -29,5 +29,5 @@ class FitReadersRequest(Request):
 
     recordings: tuple[Path, ...] = source("Recordings with reads and true positions.", argument=True)
     output: Path = output_file("Path loss models and ranges of the readers (JSON), for `occlog track --path-loss`.")
-    scene: Path | None = scene_file()
+    scene: Path | None = scene_file("the tag readers")
     settings: Mapping[str, object] = group(lambda: FitReadersConfig)
