@@ -79,6 +79,15 @@ def test_a_third_direction_supports_a_place_up_to_the_gate(deviations: float, ar
     assert localise(exact, *NONE, ROOM, 3.0, 0.1).arrays.tolist() == arrays
 
 
+@pytest.mark.parametrize(("deviations", "found"), [(2.33, True), (2.36, False)])
+def test_four_directions_fit_up_to_the_gate_and_their_degrees_of_freedom(deviations: float, found: bool) -> None:
+    """Two are exact, and each of the others is off by `deviations`: 2 d^2 against 3^2 + 2."""
+    places, at = np.vstack([PLACES, [[0.5, 5.5]]]), np.array([4.0, 2.0])
+    azimuth = np.arctan2(*(at - places).T[::-1]) + np.array([0.0, 0.0, deviations * SIGMA, -deviations * SIGMA])
+    d = SourceDirections(np.arange(4), places, azimuth, SIGMA * np.array([1e-6, 1e-6, 1.0, 1.0]))
+    assert (localise(d, *NONE, ROOM, 3.0, 0.1).arrays.tolist() == [4]) == found
+
+
 def test_every_direction_is_used_once() -> None:
     people = np.array([[3.0, 2.0], [5.5, 3.5], [2.0, 5.0]])
     found = localise(directions(people, 3), *NONE, ROOM, 3.0, 0.1)

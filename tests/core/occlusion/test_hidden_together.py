@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
+from occlog.core.occlusion.blocking_probability import shares
 from occlog.core.occlusion.joint_occlusion import (
+    MAX_CAMERAS,
+    add_joint,
     by_weight,
     joint_visibility,
     over_subsets,
     relevant_priors,
     sum_disjoint,
 )
+from occlog.core.occlusion.occlusion_probability import QUADRATURE, blocking_probabilities
+from occlog.core.occlusion.priors import gaussian_priors, no_priors
 
 
 def written_out(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
@@ -56,6 +62,46 @@ def test_products_of_any_number_of_occluders_stop_at_zero(occluders: int) -> Non
         over = sums.copy()
         over[k] = 1.5
         assert joint_visibility(over) == 0.0
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_the_log_likelihood_of_the_cameras_that_count_is_added(exact: bool) -> None:
+    """Three frames, of which the second does not count for the first position, and none for the third."""
+    positions = np.array([[0.0, 0.0], [40.0, 0.0], [18.0, 25.0], [3.0, 9.0]])
+    priors = gaussian_priors(np.array([[12.0, 5.0], [21.0, 8.0]]), np.array([[[9.0, 3.0], [3.0, 4.0]]] * 2), 3.33)
+    rng, sensor, xy = (
+        np.random.default_rng(0),
+        np.array([3, 1, 2]),
+        np.array([[20.0, 9.0], [17.0, 7.0], [5.0, 5.0], [1.0, 1.0]]),
+    )
+    a, b = rng.uniform(0.5, 3.0, (3, 4)), rng.uniform(0.1, 0.5, 3)
+    assigned = np.array([[True, True, False, True], [False, True, False, True], [True, True, False, True]])
+    total = np.array([0.3, -0.2, 0.7, -np.inf])
+    got = total.copy()
+    add_joint(got, xy, sensor, a, b, assigned, positions, priors, exact, QUADRATURE, 1e-9, 8.0)
+    for p in range(2):
+        use, wanted = np.flatnonzero(assigned[:, p]), 0.0
+        q = np.array([blocking_probabilities(xy, np.array([p]), *positions[i], priors, QUADRATURE, 8.0)[:, 0]
+                      for i in sensor[use]])  # fmt: skip
+        hidden = [shares(*xy[p], positions[sensor[use]], priors, j) for j in range(2)]
+        for one, other in itertools.product(range(1 << len(use)), repeat=2):
+            blocked = np.array([bool((one | other) >> k & 1) for k in range(len(use))])
+            wanted += hidden[0][one] * hidden[1][other] * np.prod(np.where(blocked, b[use], a[use, p]))
+        wanted = wanted if exact else written_out(q, a[use, p], b[use])
+        assert got[p] == pytest.approx(total[p] + np.log(wanted), rel=1e-9)
+    np.testing.assert_array_equal(got[2:], total[2:])
+
+
+@pytest.mark.parametrize(("frames", "refused"), [(MAX_CAMERAS, False), (MAX_CAMERAS + 1, True)])
+def test_more_than_sixteen_cameras_are_refused(frames: int, refused: bool) -> None:
+    args = (
+        np.zeros(frames, dtype=np.int64),
+        np.ones((frames, 1)),
+        np.full(frames, 0.5),
+        np.ones((frames, 1), dtype=bool),
+    )
+    with pytest.raises(ValueError) if refused else nullcontext():
+        add_joint(np.zeros(1), np.ones((1, 2)), *args, np.zeros((1, 2)), no_priors(), False, QUADRATURE, 0.0, 5.0)
 
 
 def test_cameras_with_one_light_branch_come_first() -> None:

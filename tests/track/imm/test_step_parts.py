@@ -14,7 +14,7 @@ from occlog.scans.grouping import Scan
 from occlog.track.methods.imm import filter as method
 from occlog.track.methods.imm import kernel as imm
 from occlog.track.methods.imm.association import Direction, direction, merged_bearing_density
-from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.imm.config import ImmConfig, _good_start
 from occlog.track.methods.imm.tracks import TENTATIVE, UNLABELLED_TRACK, Moved, Track, make_world, move_track
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
@@ -50,6 +50,17 @@ def test_known_targets_begin_as_confirmed_tracks_by_number():
         np.testing.assert_allclose(one.cloud.states.mean(axis=0), [x, vx, y, vy], atol=0.02)
         np.testing.assert_allclose(one.cloud.states.std(axis=0), [s, sv, s, sv], rtol=0.03)
         assert (one.exists, one.sounds, one.hits) == (1.0, 1.0, CONFIG.confirmation_hits)
+
+
+def test_a_start_has_six_values_for_each_target_of_which_deviations_are_not_below_0():
+    starts = [-3.0, -4.0, 0.0, -1.0, -1.0, 0.2, -9.0, 8.0, 0.1, 0.0, -0.5, 0.0]
+    assert _good_start(None)
+    assert _good_start(tuple(starts))
+    for entry in range(12):
+        changed = tuple(np.where(np.arange(12) == entry, -0.1, starts))
+        assert _good_start(changed) == (entry not in (2, 5, 8, 11))
+    assert not _good_start(tuple(starts[:7]))
+    assert not _good_start(())
 
 
 def test_a_step_adds_the_stated_noise_of_the_velocity_under_every_model():
