@@ -7,6 +7,7 @@ import pytest
 
 from occlog.papers.catalogue import SOURCES
 from occlog.papers.ercan.formulas import equations as ercan
+from occlog.papers.ercan.formulas.blocking import independent
 from occlog.papers.lee import equations as lee
 from occlog.papers.rahimi import equations as rahimi
 from occlog.papers.verdicts import Experiment, Size, find, source_of
@@ -70,7 +71,7 @@ def test_ercan_noise_and_cameras(ercan_table: list[ercan.PaperRow]) -> None:
 
 def test_ercan_probabilities_are_probabilities() -> None:
     q = np.random.default_rng(0).uniform(0.0, 0.2, (5, 3, 4))
-    together = ercan._independent(q)
+    together = independent(q)
     np.testing.assert_allclose(together.sum(axis=1), 1.0)
     np.testing.assert_allclose(together[:, 7], np.prod(1.0 - q, axis=(1, 2)))
     np.testing.assert_allclose(together[:, 0], np.prod(1.0 - np.prod(1.0 - q, axis=2), axis=1))

@@ -69,7 +69,7 @@ def test_turned_boxes_are_refused() -> None:
     centre = Value(position=Value(x=10.0, y=10.0), theta=0.5)
     detection = Value(bbox=Value(center=centre, size_x=4.0, size_y=8.0), results=[], id="")
     message = Value(header=Value(stamp=Value(sec=1, nanosec=0), frame_id="cam"), detections=[detection])
-    with pytest.raises(InputError, match=r"turned by 0\.5 rad"):
+    with pytest.raises(InputError, match=r"rotated by 0\.5 rad"):
         read_message("vision_msgs/msg/Detection2DArray", message)
     centre.theta = 0.0
     assert read_message("vision_msgs/msg/Detection2DArray", message).boxes[0].left == 8.0

@@ -131,7 +131,7 @@ def test_written_scenes_mean_the_same() -> None:
         (", fov_deg: 90", "", "camera a: give fov_deg, or image_size_px"),
         ("name: b", "name: a", "two sensors are named 'a'"),
         ("clocks:", "clocks:\n  - {name: studio, offset_ns: 0}", "two clocks are named 'studio'"),
-        ("clock: studio", "clock: stduio", "b: clock 'stduio' is not defined; clocks: studio"),
+        ("clock: studio", "clock: stduio", "b: clock 'stduio' is not defined; define it in clocks, or name"),
         ("room: [[0, 0], [0, 10], [10, 10]", "room: [[0, 0], [10, 10], [0, 10]", "room: not a simple"),
         ("room:", "cameras: []\nroom:", "key 'cameras' appears twice"),
         ("room:", "room: [1\nroom:", "not valid YAML"),

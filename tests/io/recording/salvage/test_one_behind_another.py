@@ -119,7 +119,7 @@ def test_doctor_and_recover_tell_of_a_second_recording(tmp_path: Path, capsys: p
     data = recording(tmp_path / "1.mcap")
     (tmp_path / "two.mcap").write_bytes(data + data)
     assert run(["doctor", str(tmp_path / "two.mcap")]) != ExitCode.DONE
-    assert f"byte {len(data)}: damaged: another recording begins here" in capsys.readouterr().out
+    assert f"byte {len(data)}: the recording is damaged: another recording begins here" in capsys.readouterr().out
     assert run(["recover", str(tmp_path / "two.mcap"), "-o", str(tmp_path / "out.mcap")]) == ExitCode.LOSSY
 
 
