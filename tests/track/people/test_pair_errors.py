@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from occlog.track.people.camera_checks import pair_errors
 from occlog.track.people.camera_checks.pair_errors import (
     BODIES,
     COMMON,
@@ -116,3 +117,13 @@ def test_errors_that_do_not_matter_are_not_stated() -> None:
     true = np.zeros(K)
     true[FOCAL] = 1.5
     assert camera_errors(normal(*measured(true, 10)), 4.0, lambda error: error.kind != FOCAL) == []
+
+
+def test_velocities_at_times_a_nanosecond_apart_are_unknown_and_take_no_memory() -> None:
+    """The time steps before and after would be a thousand million away."""
+    people, steps = np.random.default_rng(0).uniform(0.0, 5.0, (40, 2)), np.repeat(np.arange(20), 2)
+    assert not pair_errors._velocities(people, steps, np.ones(40, dtype=np.bool_), np.arange(20), 1.7).any()
+    walk = np.column_stack([0.1 * np.arange(20.0), np.zeros(20)])
+    t_ns = 100_000_000 * np.arange(20)
+    found = pair_errors._velocities(walk, np.arange(20), np.ones(20, dtype=np.bool_), t_ns, 1.7)
+    np.testing.assert_allclose(found[9:11], [[1.0, 0.0]] * 2, rtol=1e-9)

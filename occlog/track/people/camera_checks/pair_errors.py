@@ -432,6 +432,8 @@ def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_heig
     T = len(t_ns)
     out = np.zeros((int(own.sum()), 2))
     lag = max(round(BASE_S * NS / max(float(np.median(np.diff(t_ns))), 1.0)), 1) if T > 1 else 1
+    # No time step is farther away; times that hardly differ must not take the memory of all steps between
+    lag = min(lag, max(T, 1))
     whole = _positions_by_step(people, steps, T + 2 * lag, lag)
     here, when = people[own], steps[own]
     before, after = whole[when][:, :, None], whole[when + 2 * lag][:, None]
