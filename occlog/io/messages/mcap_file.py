@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
@@ -67,7 +68,7 @@ class BagMessage(NamedTuple):
     data: bytes
 
 
-class IndexedFile:
+class IndexedFile(ABC):
     """Base class of readers of bag files that are read record by record, with or without their index.
 
     Attributes:
@@ -119,20 +120,20 @@ class IndexedFile:
     def _lose(self, location: str, what: str, count: int = 0) -> None:
         self.losses[Loss(self.name, location, what, count)] = None
 
+    @abstractmethod
     def _defined(self) -> dict[int, BagTopic]:
         """Topics by channel, as known so far, without numbers of messages."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _topic_of(self, channel: int) -> str:
         """Name of the topic of a channel."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
         """Yield (channel, recording time [ns], data) of the messages of the given topics; None: of all.
 
         Damage is added to `losses`.
         """
-        raise NotImplementedError
 
 
 class McapFile(IndexedFile):
