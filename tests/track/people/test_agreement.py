@@ -152,6 +152,22 @@ def test_a_camera_that_shares_no_person_with_others_is_noted() -> None:
     assert (agreement.confirmed.tolist(), agreement.alone.tolist()) == ([100, 100, 0], [0, 0, 100])
 
 
+@pytest.mark.parametrize(
+    ("yaw_deg", "limit_deg", "severity"),
+    [(0.9, 0.3, "note"), (1.3, 1.1, "note"), (1.4, 1.1, "warning"), (1.05, 0.3, "warning"), (0.0, 0.3, None)],
+)
+def test_a_rotation_is_a_warning_if_usual_errors_do_not_make_it_significant(yaw_deg, limit_deg, severity) -> None:
+    agreement = CameraAgreement([camera(name) for name in "ab"])
+    agreement.angles = np.radians([[yaw_deg, 0.1 * yaw_deg], [0.0, 0.0]])
+    agreement.angles_limit = np.radians([[limit_deg, 0.4], [np.inf, np.inf]])
+    found = [
+        (check.severity, *check.sensors)
+        for check in agreement.checks(BoxStatistics.of(2))
+        if check.id == "camera-rotated"
+    ]
+    assert found == ([(severity, "a")] if severity else [])
+
+
 def test_people_outside_the_room_are_stated_with_the_cameras_that_see_them() -> None:
     room = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
     for x, expected in ((4.8, []), (5.0, [("people-outside-room", ("b",))])):

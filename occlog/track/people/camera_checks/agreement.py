@@ -31,6 +31,9 @@ EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras
 CONFIRMED, IN_ROOM, FITS = "people seen by other cameras", "people in the room", "calibrations and files of boxes"
 MIN_ROTATED_DEG = 1.0
 """Rotation about an axis [deg] from which a camera has moved; smaller ones are errors of a calibration."""
+USUAL_ROTATION_DEG = 0.25
+"""Errors of orientation by usual calibrations, and by bodies unlike the model [deg]: a camera has moved if its rotation
+exceeds the least significant one by more."""
 MAX_LIMIT_DEG = 1.0
 """Least significant rotation [deg] up to which the check of orientations applies."""
 TIMES, BOXES = "camera clocks", "camera boxes"
@@ -372,11 +375,14 @@ class CameraAgreement:
     def _rotated(self) -> Iterator[Check]:
         """Generate findings about cameras that the filter has found rotated against their calibration.
 
-        A warning from `MIN_ROTATED_DEG` on, else a note: small rotations are corrected by the filter.
+        A warning from `MIN_ROTATED_DEG`, and from `USUAL_ROTATION_DEG` above the least significant rotation on, else a
+        note: small rotations are corrected by the filter.
         """
-        for name, (yaw, pitch) in zip(self.names, np.degrees(self.angles).tolist(), strict=True):
-            if yaw or pitch:
-                severity: Severity = "warning" if max(abs(yaw), abs(pitch)) >= MIN_ROTATED_DEG else "note"
+        least = np.maximum(MIN_ROTATED_DEG, np.degrees(self.angles_limit) + USUAL_ROTATION_DEG)
+        for name, angles, limits in zip(self.names, np.degrees(self.angles), least, strict=True):
+            if angles.any():
+                severity: Severity = "warning" if (np.abs(angles) >= limits).any() else "note"
+                yaw, pitch = angles.tolist()
                 yield finding(ROTATED, "camera-rotated", severity, sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
