@@ -155,7 +155,7 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", 
         owner: method or command that the name was given to; its own renamed options come first.
     """
     names = list(known)
-    near = nearest(name, names, owner=owner)
+    near = nearest(str(name), names, owner=owner)  # Python code may give any value
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
     listed = ", ".join(names) or "none"

@@ -467,7 +467,11 @@ class Verb:
 
     def kind(self, name: str) -> VerbKind | None:
         """Return the built-in or plugged-in kind `name`; None if there is none."""
-        return self.kinds[name] if name in self.kinds else self.more().get(name)
+        # In lists, since Python code may give a value without a hash
+        if name in [*self.kinds]:
+            return self.kinds[name]
+        more = self.more()
+        return more[name] if name in [*more] else None
 
     def form(self, name: str) -> Form:
         """Return the form of the kind `name`.

@@ -24,7 +24,7 @@ from occlog.settings import Settings, declaration, kind_of, plain_kind
 from occlog.settings import item_kind as kind_of_items
 
 from .folders import Folder
-from .recordings import CallInputs, Recording
+from .recordings import CallInputs, Recording, path_of
 from .results import Result, sentences, tables_in, warn
 
 Setting: TypeAlias = float | int | str | bool | Sequence[float] | Sequence[str] | None
@@ -93,8 +93,12 @@ def declared_value(of: type[Settings], name: str, value: object) -> object:
 
 def names_of(value: str | Sequence[str]) -> tuple[str, ...]:
     """Return the sensor names in an argument: one text, several separated by commas, or a sequence of such texts."""
-    texts = [value] if isinstance(value, str) else list(value)
-    return tuple(part.strip() for text in texts for part in str(text).split(",") if part.strip())
+    return tuple(part.strip() for text in _items(value) for part in str(text).split(",") if part.strip())
+
+
+def _items(value: object) -> list[Any]:
+    """Return the items of a sequence; a text, and what is no sequence, is one item."""
+    return [value] if isinstance(value, str) or not isinstance(value, Iterable) else list(value)
 
 
 R = TypeVar("R", bound=Result)
@@ -155,7 +159,7 @@ def record(form: Form, arguments: Mapping[str, Any]) -> Recording:
         OutputExistsError: the output exists and may not be replaced.
     """
     home, output = Folder(), arguments["output"]
-    path = home.file("recording.mcap") if output is None else Path(output)
+    path = home.file("recording.mcap") if output is None else path_of(output, "output")
     arguments_of = {entry.key: entry.field if entry.group is None else entry.of.name for entry in form.entries()}
     with CallInputs(arguments_of) as inputs, console.notes_kept() as notes:
         plain = (entry for entry in form.entries() if entry.group is None)
@@ -197,7 +201,7 @@ def check_taken(
             hint = f", or choose one that has it: {', '.join(owners)}" if owners else ""
             raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}", id="not-applicable")
     tables = [entry.field for entry in entries if entry.file is not None and entry.file.asked == "also"]
-    for name in also:
+    for name in names_of(also):
         if name not in tables:
             known = ", ".join(tables) or "none"
             raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}", id="unknown-name")
@@ -237,7 +241,7 @@ def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
 
 def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
     if of.asked == "also":
-        return entry.field in arguments.get("also", ())
+        return entry.field in names_of(arguments.get("also", ()))
     value = arguments.get(of.asked)
     return of.asked == "always" or not (value is None or value is False)
 
@@ -261,13 +265,16 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
     if of is None:
         kind = kind_of(entry.owner, entry.of.name)
         if kind == tuple[str, ...]:
-            return tuple(_text(each) for each in value) if declaration(entry.of).whole else names_of(value)
+            whole = declaration(entry.of).whole
+            return tuple(_text(each) for each in _items(value)) if whole else names_of(value)
         return declared_value(entry.owner, entry.of.name, value)
     if of.scene:
         return inputs.scene(value)
     if of.number is not None and isinstance(value, int | float):
         return float(value)
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        if plain_kind(kind_of(entry.owner, entry.of.name)) is not tuple:
+            raise UsageError(f"{name}: takes one input; a {type(value).__name__} was given", id="wrong-content")
         names = (f"{name}[{n}]" for n in range(len(value)))
         return tuple(_named(inputs, each, called.get(key, key)) for each, key in zip(value, names, strict=True))
     return _named(inputs, value, called[name]) if name in called else inputs.rows(value, name)
@@ -284,7 +291,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
     Raises:
         UsageError: no such plug-in, or an unknown setting.
     """
-    given = value if isinstance(value, Mapping) else {each: {} for each in value}
+    given = value if isinstance(value, Mapping) else {each: {} for each in names_of(value)}
     found = []
     for each, values in given.items():
         plugin = wanted(each, kind, name)
@@ -319,6 +326,8 @@ def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, obj
     for name in nested:
         value = arguments[name]
         if value is not None and value is not False:
+            if value is not True and not isinstance(value, Mapping):
+                raise UsageError(f"{name}: {value!r}: expected settings by name, or True", id="invalid-setting")
             chosen = settings_by_class(name, {} if value is True else value, [("", classes[name])], ())
             found[name] = chosen[0]
     groups = {f.name: f.metadata["group"] for f in fields(form.request) if "group" in f.metadata}

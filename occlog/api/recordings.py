@@ -145,7 +145,7 @@ def open(path: str | os.PathLike[str]) -> Recording:
     Raises:
         InputError: the file is missing, damaged, or of another kind.
     """
-    recording = Recording(Path(path))
+    recording = Recording(path_of(path, "path"))
     _ = recording.tables
     return recording
 
@@ -196,14 +196,16 @@ def read_scene(source: SceneSource) -> Scene:
         return source
     with CallInputs() as inputs:
         path = inputs.scene(source)
-        found = None if path is None else scene_in(path)
+        if path is None:
+            raise UsageError("scene is missing; give it", id="missing-option")
+        found = scene_in(path)
         if found is None:
             raise UsageError(f"{path}: this recording holds no scene; give a scene file", id="missing-scene")
         return found
 
 
 def _table_of(name: str) -> type[Rows]:
-    if name not in TABLES:
+    if not isinstance(name, str) or name not in TABLES:
         raise UsageError(f"no table {name!r}; {did_you_mean(name, TABLES)}", id="unknown-name")
     return TABLES[name]
 
@@ -389,10 +391,17 @@ def arrow_of(value: object, name: str) -> Any:
         if getattr(type(value), "__arrow_c_stream__", None) is not None:
             return pa.table(value)
     raise InputError(
-        f"{name}: is a {type(value).__name__}; give a file, a table of occlog, a DataFrame (pandas, polars), "
+        f"{name}: is of type {type(value).__name__}; give a file, a table of occlog, a DataFrame (pandas, polars), "
         "a pyarrow table, or a dict of columns",
         id="wrong-content",
     )
+
+
+def path_of(value: object, name: str) -> Path:
+    """Return the path that an argument states; InputError, with the argument's `name`, if it is no path."""
+    if isinstance(value, str | os.PathLike) and isinstance(path := os.fspath(value), str):
+        return Path(path)
+    raise InputError(f"{name}: is of type {type(value).__name__}; give the path of a file", id="wrong-content")
 
 
 def write_arrow(table: Any, path: Path) -> None:

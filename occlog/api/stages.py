@@ -6,11 +6,12 @@
 
 from __future__ import annotations
 
+import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, SupportsIndex, TypeAlias
 
 from occlog.errors import UsageError
 from occlog.evaluate.request import EvaluateRequest
@@ -24,13 +25,14 @@ from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
 from occlog.records.scene import Scene
 from occlog.report.request import OverlayRequest, PageRequest, ReportRequestBase
 from occlog.request import Form, Request
+from occlog.settings import read_pair
 from occlog.simulate.request import VERB as SIMULATE_VERB
 from occlog.track.catalogue import VERB as TRACK_VERB
 from occlog.track.catalogue import form_of, method_for
 from occlog.track.request import TrackRequestBase
 
 from .call import Setting, call, check_taken, names_of, record
-from .recordings import Recording, SceneSource, Source
+from .recordings import Recording, SceneSource, Source, path_of
 from .results import DetectResult, EvaluateResult, OverlayResult, ReportResult, TrackResult
 from .tables import Table
 
@@ -146,7 +148,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
     Warns:
         OcclogWarning: input was lost, or the groups contradict each other.
     """
-    if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
+    if isinstance(tracks, str | bytes) or not isinstance(tracks, Sequence) or len(tracks) < 2:
         raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list", id="missing-option")
     first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
     arguments = {"bearings": first, "others": others, "settings": settings}
@@ -344,19 +346,25 @@ def ingest(
     Warns:
         OcclogWarning: input was lost, or seems to differ from what it states.
     """
+    if "bags" in settings:
+        raise UsageError("ingest: bags are positional arguments: ingest(bag, ...)", id="unknown-key")
     if isinstance(settings.get("classes"), str | Sequence):
         settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
     of_sensors: dict[str, object] = {"video": video, "images": images, "boxes": boxes, "mot": mot, "doa": doa}
     of_sensors["positions"] = positions
     of_sensors |= {"truth": truth, "timestamps": timestamps, "arrays": arrays}
     of_sensors |= {"start_time": start_time, "clock_offset": clock_offset, "fps": fps}
-    of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
+    if not (topic is None or isinstance(topic, Mapping)):
+        raise UsageError(
+            f"topic: {topic!r}: expected topics by sensor: {{'cam1': '/cam1/image'}}", id="invalid-setting"
+        )
+    of_topics = {n: names_of(t) for n, t in (topic or {}).items()}
     arguments = {
-        "bags": _paths(bags),
-        "topics": _paths(topics),
-        "reads": _paths(reads),
-        "calibration": _paths(calibration),
-        "image_size": _pair(image_size, "image_size", image_size is None or min(image_size) > 0),
+        "bags": _paths(bags, "bags"),
+        "topics": _paths(topics, "topics"),
+        "reads": _paths(reads, "reads"),
+        "calibration": _paths(calibration, "calibration"),
+        "image_size": None if image_size is None else _pair(image_size, "image_size"),
         "scene": scene,
         "readers": readers,
         "grid": grid,
@@ -371,9 +379,11 @@ def ingest(
     return record(Form(IngestRequest), arguments)
 
 
-def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """Return a tuple of paths from one path or a sequence of paths."""
-    return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
+def _paths(value: File | Sequence[File], argument: str) -> tuple[Path, ...]:
+    """Return a tuple of paths from one path or a sequence of paths; InputError, naming the `argument`, for others."""
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return tuple(path_of(each, argument) for each in value)
+    return (path_of(value, argument),)
 
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
@@ -419,27 +429,30 @@ def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> t
     `frames`: (first, stop), or such pairs by camera; None: no texts. Raise UsageError for other values.
     """
     each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
-    found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
+    found = {n: _pair(p, "frames") for n, p in each.items()}
     texts = {name: f"{first}:{stop}" for name, (first, stop) in found.items()}
     return _named(texts if isinstance(frames, Mapping) else [*texts.values()], "frames")
 
 
-def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
-    """Return two numbers as a tuple of ints; None for None.
+def _pair(value: object, argument: str) -> tuple[int, int]:
+    """Return (first, stop) of frames, or (width, height) of images where `argument` is `image_size`.
 
-    Args:
-        value: (first, stop) of frames, or (width, height) of images.
-        name: name of the argument, for messages.
-        fits: whether the values are valid.
-
-    Raises:
-        UsageError: the values are invalid, or not two.
+    `value` is a sequence of two whole numbers, or a text as on the command line; UsageError for others.
     """
-    if value is None:
-        return None
-    if len(value) != 2 or not fits:
-        raise UsageError(f"{name}: {value}: expected two numbers; (first, stop) of frames, (width, height) of images")
-    return int(value[0]), int(value[1])
+    size = argument == "image_size"
+    if isinstance(value, str):
+        try:
+            return read_pair(value, size)
+        except UsageError as error:
+            raise UsageError(f"{argument}: {error}") from error
+    given = list(value) if isinstance(value, Iterable) else []
+    numbers = [operator.index(each) for each in given if isinstance(each, SupportsIndex)]
+    if len(given) == len(numbers) == 2:
+        first, second = numbers
+        if first > 0 < second if size else 0 <= first < second:
+            return first, second
+    of = "(width, height) of images, above 0" if size else "(first, stop) of frames, with 0 <= first < stop"
+    raise UsageError(f"{argument}: {value!r}: expected two whole numbers {of}", id="invalid-setting")
 
 
 NOT_OF_REQUESTS = ("settings", "output", "overwrite", "progress")

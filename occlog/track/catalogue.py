@@ -274,7 +274,7 @@ def entry(name: str) -> MethodEntry:
     Raises:
         UsageError: unknown name; the message suggests similar ones.
     """
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:  # a text, unless Python code gives another value
         raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}", id="unknown-name")
     return METHODS[name]
 
