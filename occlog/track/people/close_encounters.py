@@ -6,7 +6,7 @@ exchanged, which its states do not show.  Three properties of the tracks determi
 * how near they came, in standard deviations of their positions: the smallest distance over its spread;
 * how much likelier the tracks are than the exchanged ones, from the last time step at which a camera had a box of each
   of them alone to the next such time step: the smallest log likelihood ratio of their states, with people who turn;
-* the number of time steps of the encounter: the more there are, the less one wrong association matters.
+* for how long no camera had a box of each of them alone: the longer, the more a given ratio means.
 
 The probability of an exchange is a logistic function of the logarithms of these.  Its coefficients were fitted to
 encounters with known truth (docs/explanation/trackers/people.md); where boxes are better or worse than those, it is too
@@ -34,43 +34,42 @@ MIN_SEPARATE_DETECTIONS = 1.0
 """Cameras, in sum of probabilities, that must have a box of each of the two alone."""
 MIN_SWITCH_PROBABILITY = 0.2
 """Less probable exchanges are not named."""
-CONSTANT: Final = 3.25
-BY_DISTANCE: Final = -1.0
-BY_RATIO: Final = -0.48
-BY_STEPS: Final = -1.0
+CONSTANT: Final = 2.25
+BY_DISTANCE: Final = -1.3
+BY_RATIO: Final = -0.9
+BY_TIME: Final = -1.1
 """Coefficients of the logistic function, fitted."""
-MAX_RATE_HZ = 10.0
-"""Time steps at a higher rate count as at this one: errors of successive boxes are then nearly the same."""
+SHORTEST_S = 0.1
+"""Added to the time for which two people are not distinguished [s]."""
 MIN_DISTANCE_SIGMAS = 0.3
 """Smaller distances [standard deviations] count as this."""
 MAX_LOG_RATIO = 100.0
 """Larger log likelihood ratios count as this, negative ones as 0."""
 
 
-def switch_probability(distance: float, ratio: float, steps: float) -> float:
+def switch_probability(distance: float, ratio: float, unresolved_s: float) -> float:
     """Return the probability of an identity switch in a close encounter, a fitted logistic function.
 
     Args:
         distance: smallest distance of the two people, in standard deviations of their positions, >= 0.
         ratio: smallest log likelihood ratio of the tracks to the exchanged ones.
-        steps: number of time steps of the encounter, >= 1; at most `MAX_RATE_HZ` a second count.
+        unresolved_s: longest time for which no camera had a box of each of them alone [s], >= 0.
     """
     near, clear = np.log(max(distance, MIN_DISTANCE_SIGMAS)), np.log1p(min(max(ratio, 0.0), MAX_LOG_RATIO))
-    odds = CONSTANT + BY_DISTANCE * near + BY_RATIO * clear + BY_STEPS * np.log(steps)
-    return float(1.0 / (1.0 + np.exp(-odds)))
+    log_odds = CONSTANT + BY_DISTANCE * near + BY_RATIO * clear + BY_TIME * np.log(SHORTEST_S + unresolved_s)
+    return float(1.0 / (1.0 + np.exp(-log_odds)))
 
 
 @dataclass
 class _Encounter:
     """An ongoing close encounter of two people: their states when last distinguished, and how near they came.
 
-    `begin_ns` is the time of its first time step, `steps` their number so far; `t_ns` is the time at which cameras last
-    had a box of each of them alone, `means` (2, 6) and `covariances` (2, 6, 6) their states x, y, vx, vy, height, width
-    then; `near`: they have been near; `named`: the filter reported a possible switch itself; `distance` [standard
-    deviations] and `ratio` (log likelihood) are the smallest so far.
+    `t_ns` is the time at which cameras last had a box of each of them alone, `means` (2, 6) and `covariances` (2, 6, 6)
+    their states x, y, vx, vy, height, width then; `near`: they have been near; `named`: the filter reported a possible
+    switch itself; `distance` [standard deviations] and `ratio` (log likelihood) are the smallest so far, and
+    `unresolved_s` [s] is the longest time after `t_ns` so far.
     """
 
-    begin_ns: int  # first time step
     t_ns: int  # when they were last distinguished
     means: Floats  # (2, 6) their states then
     covariances: Floats  # (2, 6, 6)
@@ -78,11 +77,7 @@ class _Encounter:
     named: bool = False  # the method itself has a doubt of theirs
     distance: float = np.inf  # the smallest [standard deviations]
     ratio: float = np.inf  # the smallest
-    steps: int = 0  # of the encounter
-
-    def steps_until(self, t_ns: int) -> float:
-        """Return the number of time steps that count, at most `MAX_RATE_HZ` a second up to `t_ns`."""
-        return max(min(self.steps, MAX_RATE_HZ * (t_ns - self.begin_ns) / NS), 1.0)
+    unresolved_s: float = 0.0  # longest time without a box of each alone
 
 
 class CloseEncounters:
@@ -111,19 +106,15 @@ class CloseEncounters:
             meeting = self._going_on.pop(pair)
             if meeting.near and not meeting.named and pair[0] in at and pair[1] in at:
                 self._compare(meeting, snapshot, [at[k] for k in pair])
-                steps = meeting.steps_until(snapshot.t_ns)
-                events += _doubts(pair, switch_probability(meeting.distance, meeting.ratio, steps))
+                events += _doubts(pair, switch_probability(meeting.distance, meeting.ratio, meeting.unresolved_s))
         doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in snapshot.events if e.kind == "possible_switch"}
         alone = _alone(snapshot.support, n) if now else np.zeros((n, 0))
         for pair, (i, j) in now.items():
             both = [i, j]
             distance = float(np.hypot(*(snapshot.mean[i] - snapshot.mean[j])[[X, Y]]))
             if pair not in self._going_on:
-                self._going_on[pair] = _Encounter(
-                    snapshot.t_ns, snapshot.t_ns, snapshot.mean[both], snapshot.covariance[both]
-                )
+                self._going_on[pair] = _Encounter(snapshot.t_ns, snapshot.mean[both], snapshot.covariance[both])
             meeting = self._going_on[pair]
-            meeting.steps += 1
             spread = np.sqrt(0.5 * np.trace(snapshot.covariance[both][:, :2, :2], axis1=1, axis2=2).sum())
             meeting.distance = min(meeting.distance, distance / spread)
             meeting.near |= distance < ENCOUNTER_DISTANCE_WIDTHS * self._width
@@ -133,6 +124,7 @@ class CloseEncounters:
                 and np.minimum(alone[i], alone[j]).sum() >= MIN_SEPARATE_DETECTIONS
             ):
                 self._compare(meeting, snapshot, both)
+            meeting.unresolved_s = max(meeting.unresolved_s, (snapshot.t_ns - meeting.t_ns) / NS)
         return tuple(events)
 
     def _compare(self, meeting: _Encounter, snapshot: TrackSnapshot, both: list[int]) -> None:

@@ -41,7 +41,7 @@ MAX_SIGMA_RATIO = 1.6
 """Maximum ratio of the learned standard deviation of positions to the stated one, or its inverse: two steps of the
 bank."""
 UNSIZED = "too few boxes are whole to compare cameras"
-SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.15, 0.5
+SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.6
 """Expected identity switches per person that cause a note, and that cause a warning."""
 MIN_SUCCESSIVE_SHARE, MIN_PAIRS = 0.02, 50
 """Share of frames with boxes that follow the one numbered before them that is suspicious, of so many frames."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -11,13 +9,8 @@ from scipy.stats import multivariate_normal
 from occlog.array_types import NS, Floats
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, TrackSnapshot, no_associations
-from occlog.track.people.close_encounters import (
-    MIN_SWITCH_PROBABILITY,
-    CloseEncounters,
-    _Encounter,
-    log_ratio,
-    switch_probability,
-)
+from occlog.track.people import close_encounters
+from occlog.track.people.close_encounters import MIN_SWITCH_PROBABILITY, CloseEncounters, log_ratio, switch_probability
 
 STEP_S = 0.1
 CLEAR = 0.4
@@ -49,22 +42,17 @@ def test_the_ratio_is_that_of_normal_densities(seed: int) -> None:
 
 def test_who_came_near_and_is_distinguished_badly_is_exchanged_more_probably() -> None:
     distances, ratios = [0.0, 0.3, 1.0, 4.0], [-5.0, 0.0, 3.0, 100.0]
-    found = np.array([[switch_probability(d, r, 1.0) for r in ratios] for d in distances])
+    found = np.array([[switch_probability(d, r, 0.5) for r in ratios] for d in distances])
     assert (np.diff(found, axis=0) <= 0).all()
     assert (np.diff(found, axis=1) <= 0).all()
     # Limits of both are where they are stated to be
     assert (found[0] == found[1]).all()
     assert (found[:, 0] == found[:, 1]).all()
-    assert switch_probability(1.0, 1e9, 1.0) == found[2, 3]
-    assert found[0, 0] == pytest.approx(1 / (1 + np.exp(-3.25 + np.log(0.3))))
-    assert switch_probability(1.0, 3.0, 8.0) == pytest.approx(1 / (1 + 8 * np.exp(-3.25 + 0.48 * np.log(4.0))))
-
-
-def test_time_steps_count_at_most_ten_times_a_second() -> None:
-    meeting = _Encounter(0, 0, np.zeros((2, 6)), np.zeros((2, 6, 6)), steps=75)
-    assert meeting.steps_until(3 * NS) == 30.0
-    assert replace(meeting, steps=6).steps_until(3 * NS) == 6.0
-    assert meeting.steps_until(0) == 1.0
+    assert switch_probability(1.0, 1e9, 0.5) == found[2, 3]
+    odds = np.exp(2.25) * 0.3**-1.3 * 0.6**-1.1
+    assert found[0, 0] == pytest.approx(odds / (1 + odds))
+    odds = np.exp(2.25) * 2.0**-1.3 * 4.0**-0.9 * 1.3**-1.1
+    assert switch_probability(2.0, 3.0, 1.2) == pytest.approx(odds / (1 + odds))
 
 
 def crossing(gap: float, sd: float, unit: float = 1.0, blind: bool = True) -> list[TrackSnapshot]:
@@ -103,6 +91,14 @@ def test_two_who_pass_closely_unseen_are_doubted_once_when_they_part() -> None:
     assert one.probability == other.probability >= MIN_SWITCH_PROBABILITY
     # 2.2 widths apart again, 1.21 m at 2 m/s after the middle
     assert when == 27
+
+
+def test_the_time_without_separate_boxes_is_that_of_the_crossing(monkeypatch) -> None:
+    times = []
+    monkeypatch.setattr(close_encounters, "switch_probability", lambda *given: times.append(given[2]) or 0.0)
+    assert doubts(crossing(0.05, 0.2)) == []
+    # Closer than 0.4 m at 1.9, 2.0 and 2.1 s; separate boxes at 1.8 s
+    assert times == pytest.approx([0.3])
 
 
 def test_two_who_are_seen_apart_all_the_time_are_not() -> None:
