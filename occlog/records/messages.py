@@ -715,6 +715,16 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: line {line}: frame {after} after {before}: a counter of {bits} bits began again",
         "add {count} to the frames from there on",
     ),
+    "boxes-wide": Message(
+        W,
+        "camera {sensors}: {share:.0%} of boxes are wider than high, unlike people (allowed: {allowed:.0%})",
+        "check the order of columns (x, y), and whether images were rotated",
+    ),
+    "boxes-identical": Message(
+        W,
+        "cameras {sensors}: {share:.0%} of their boxes are identical (allowed: {allowed:.0%})",
+        "check whether one file or video was used for both",
+    ),
     "boxes-corners": Message(
         W,
         "camera {sensors}: widths and heights of boxes seem to be right and lower edges (xyxy for xywh): "

@@ -392,7 +392,7 @@ class PeopleInput:
                 raise InputError(
                     f"{self.request.bearings}: the boxes imply that people are {tall:.3g} {unit} tall, so the "
                     "lengths of the "
-                    f"scene are not in {unit}, or its camera positions are wrong; {remedy}",
+                    f"scene are not in {unit}, or camera positions or columns of boxes are wrong; {remedy}",
                     id="unit-mismatch",
                 )
             return 1.0 / METRES[unit], config
