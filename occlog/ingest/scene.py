@@ -32,7 +32,7 @@ from occlog.records.tables import Truth
 from occlog.records.verdicts import Check, outcome
 
 from .plan import IngestPlan
-from .rig import AUTO, describe, world_checks
+from .rig import AUTO, describe, scene_checks, world_checks
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -334,6 +334,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
     scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
+    of_scene = scene_checks(scene.cameras)
     cameras = list(scene.cameras)
     if plan.calibration:
         options = plan.calibration_options()
@@ -361,7 +362,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
-    return IngestScene(found, turn, checks)
+    return IngestScene(found, turn, (*of_scene, *checks))
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:

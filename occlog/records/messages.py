@@ -257,6 +257,17 @@ VERDICT: dict[str, Message] = {
         "bearings seem to be clockwise from north (compass): misfit {misfit_deg:.2g} degrees, as given {given_deg:.2g}",
         "name the column compass_deg, or give ingest --doa-convention compass",
     ),
+    "bearings-fit-if": Message(
+        W,
+        "bearings meet to {misfit_deg:.2g} degrees (as given {given_deg:.2g}) if {change}",
+        "correct the table or the scene",
+    ),
+    "noise-unit": Message(
+        W,
+        "bearings of {sensors} scatter by {scatter_deg:.2g} degrees, and state {sigma_deg:.2g}: their sigma may be in "
+        "{unit}",
+        "name it after its unit: sigma_deg, or sigma_rad (in a scene sigma)",
+    ),
     "measurement-noise-small": Message(
         N,
         "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (below "
@@ -645,6 +656,11 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: convention of its extrinsics: if they are {change}, it is upright and sees what others see",
         "correct its file of the calibration",
+    ),
+    "scene-angles-fit-if": Message(
+        W,
+        "cameras of the scene view one place below them only if {change}",
+        "correct the angles: degrees in yaw_deg, radians in yaw, from +x towards +y, pitch upwards",
     ),
     "vertical-uncertain": Message(
         W,
