@@ -16,14 +16,13 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene, other_angle_readings
 from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
 from occlog.scans.clocks import ClockCorrection, applied_clocks, clock_changes, clocks_of, with_applied_clocks
-from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
@@ -308,7 +307,9 @@ class PeopleInput:
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
+                raise UsageError(
+                    f"no camera {name!r} in the scene; {did_you_mean(name, known, 'it has')}", id="unknown-sensor"
+                )
         return [
             c
             for c in self.scene.cameras
