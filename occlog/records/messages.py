@@ -876,7 +876,7 @@ VERDICT: dict[str, Message] = {
     "microphone-silent": Message(
         W,
         "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
-        "check cable and channel order, or remove it",
+        "check its cable and {option[channels]} (from 1), or remove it",
     ),
     "microphone-interrupted": Message(
         W,
@@ -896,7 +896,7 @@ VERDICT: dict[str, Message] = {
     "microphone-unrelated": Message(
         W,
         "array {sensors}: microphone {microphones} has no sound in common with the others",
-        "check its cable and channel, or remove it",
+        "check its cable and {option[channels]} (from 1), or remove it",
     ),
     "microphone-inverted": Message(
         W,
