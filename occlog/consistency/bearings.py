@@ -138,8 +138,8 @@ class _Angles(NamedTuple):
 Reading = Callable[[_Angles], _Angles]
 _OF_ALL: dict[str, Reading] = {
     "they are clockwise from +x: negate them": lambda a: a._replace(bearing=-a.bearing),
-    "they are relative to the arrays: doa_convention array": lambda a: a._replace(bearing=a.bearing + a.yaw),
-    "they are in the world: doa_convention math": lambda a: a._replace(bearing=a.bearing - a.yaw),
+    "they are relative to the arrays (ingest --doa-convention array)": lambda a: a._replace(bearing=a.bearing + a.yaw),
+    "they are in the world (ingest --doa-convention math)": lambda a: a._replace(bearing=a.bearing - a.yaw),
     "they are clockwise in the arrays: negate them": lambda a: a._replace(bearing=2.0 * a.yaw - a.bearing),
     "they are in radians: name their column azimuth_rad": lambda a: a._replace(bearing=np.degrees(a.bearing)),
     "they are in radians in the arrays: name their column azimuth_rad": lambda a: a._replace(

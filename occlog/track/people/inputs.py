@@ -73,11 +73,13 @@ def height_readings(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Itera
         boxes: (n, 4) left, top, right and bottom edges of each camera [px].
         cameras: as the scene states them.
     """
-    exchanged = [own[:, [1, 0, 3, 2]] for own in boxes]
-    yield "boxes have y, x in place of x, y", median_height(person_heights(exchanged, cameras))
     sizes = [own[:, 2:] - own[:, :2] for own in boxes]
-    swapped = [np.hstack([own[:, :2], own[:, :2] + size[:, ::-1]]) for own, size in zip(boxes, sizes, strict=True)]
-    yield "widths and heights of boxes are exchanged", median_height(person_heights(swapped, cameras))
+    across, down = np.median(np.concatenate(sizes), axis=0)
+    if across > down:  # as of people on whom the axes are exchanged
+        exchanged = [own[:, [1, 0, 3, 2]] for own in boxes]
+        yield "boxes have y, x in place of x, y", median_height(person_heights(exchanged, cameras))
+        swapped = [np.hstack([own[:, :2], own[:, :2] + size[:, ::-1]]) for own, size in zip(boxes, sizes, strict=True)]
+        yield "widths and heights of boxes are exchanged", median_height(person_heights(swapped, cameras))
     by_camera = [dict(other_angle_readings(camera.rotation)) for camera in cameras]
     for words in by_camera[0] if by_camera else ():
         if all(words in each for each in by_camera):
