@@ -158,18 +158,25 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", 
     near = nearest(str(name), names, owner=owner)  # Python code may give any value
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
-    listed = ", ".join(names) or "none"
-    if len(listed) > LONGEST_LIST:
-        listed = listed[:LONGEST_LIST].rpartition(", ")[0]
-        listed += f" and {len(names) - listed.count(', ') - 1} more"
-    return f"{otherwise} {listed}"
+    return f"{otherwise} {abridged(names)}"
+
+
+def abridged(names: Iterable[object]) -> str:
+    """Return names separated by commas, at most `LONGEST_LIST` characters of them: `a, b and 12 more`; `none`."""
+    words = [str(name) for name in names]
+    text = ", ".join(words) or "none"
+    if len(text) > LONGEST_LIST:
+        shown = max(text[:LONGEST_LIST].count(", "), 1)
+        text = f"{', '.join(words[:shown])[:LONGEST_LIST]} and {len(words) - shown} more"
+    return text
 
 
 def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, owner: str = "") -> list[str]:
     """Return the valid names most similar to an unknown one, best first; empty if none is similar.
 
     For a name of an earlier release its replacements are returned (`renamed.csv`), in whatever spelling it is given:
-    `--sigma-v`, `sigma_v`. For a prefix such as `process_noise` it is up to three names that begin with it.
+    `--sigma-v`, `sigma_v`. For a prefix such as `process_noise` it is up to three names that begin with it. A name in
+    other letter case is the most similar one.
 
     Args:
         name: the unknown name.
@@ -185,7 +192,8 @@ def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, ow
     own = [new for of, new in renamed if owner and owner in of.split(", ")]
     successors = own or [new for _, new in renamed]
     return (
-        [each for each in names if _plain(each) in successors]
+        [each for each in names if each.casefold() == name.casefold()]
+        or [each for each in names if _plain(each) in successors]
         or [each for each in names if _plain(each).startswith(f"{_plain(name)}_")][:3]
         or difflib.get_close_matches(name, names, n, cutoff)
     )

@@ -8,7 +8,7 @@ import pytest
 
 import occlog
 from occlog.cli.main import run
-from occlog.errors import LONGEST_LIST, ExitCode, InputError, UsageError, did_you_mean, nearest
+from occlog.errors import LONGEST_LIST, ExitCode, InputError, UsageError, abridged, did_you_mean, nearest
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.arrow import arrow_schema, check_schema
 from occlog.io.formats.scenes.scene import scene_from_yaml, scene_to_yaml
@@ -76,3 +76,13 @@ def test_a_list_of_valid_names_is_as_long_as_a_line_has_space() -> None:
     assert shown == names[: len(shown)]
     assert text.endswith(f" and {len(names) - len(shown)} more")
     assert len(", ".join(shown)) <= LONGEST_LIST
+
+
+def test_long_lists_of_names_are_cut_and_the_rest_counted() -> None:
+    names = [f"camera{n:04d}" for n in range(1000)]
+    text = abridged(names)
+    assert len(text) <= LONGEST_LIST + len(" and 1000 more")
+    shown, _, more = text.rpartition(" and ")
+    assert more == f"{1000 - len(shown.split(', '))} more"
+    assert abridged(["a" * 1000, "b"]) == f"{'a' * LONGEST_LIST} and 1 more"
+    assert (abridged([]), abridged([1, 2])) == ("none", "1, 2")

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
-from occlog.errors import SPELLING, InputError, OcclogError, UsageError, did_you_mean
+from occlog.errors import SPELLING, InputError, OcclogError, UsageError, abridged, did_you_mean
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.io.open import Opened, open_input, scene_in
 from occlog.records.columns import ColumnTable as Rows
@@ -213,7 +213,7 @@ def _table_of(name: str) -> type[Rows]:
 def _only(names: tuple[str, ...], wanted: str | None) -> str:
     if wanted is None and len(names) != 1:
         remedy = f"choose one: table={names[0]!r}" if names else "give one that holds tables"
-        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; {remedy}", id="ambiguous-input")
+        raise UsageError(f"the recording holds {abridged(names)}; {remedy}", id="ambiguous-input")
     return names[0] if wanted is None else wanted
 
 

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 import occlog
-from occlog.errors import InputError, OcclogError
+from occlog.errors import InputError, OcclogError, abridged
 from occlog.io.files.provenance import verdicts_in
 from occlog.io.files.tables.parquet import read_table
 from occlog.records.losses import Loss
@@ -76,9 +76,7 @@ class Result:
             InputError: the result has no table of that name.
         """
         if name not in self.tables:
-            raise InputError(
-                f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}", id="unknown-name"
-            )
+            raise InputError(f"the result has no table {name!r}; it has {abridged(self.tables)}", id="unknown-name")
         return self.tables[name]
 
     def __repr__(self) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from occlog.console.text import counted, noun
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, abridged
 from occlog.io.files.atomic import check_writable, write_bytes
 from occlog.io.files.tables.parquet import arrow_batches, describe, open_parquet
 from occlog.records.losses import Loss
@@ -98,7 +98,7 @@ class Table:
         """
         if column not in self.columns:
             raise InputError(
-                f"{self.name} has no column {column!r}; it has {', '.join(self.columns)}", id="missing-column"
+                f"{self.name} has no column {column!r}; it has {abridged(self.columns)}", id="missing-column"
             )
         values = self._read([column]).column(column)
         return np.asarray(values.to_numpy(zero_copy_only=False) if values.num_chunks else [])

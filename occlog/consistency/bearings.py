@@ -13,11 +13,13 @@ detect it one at a time, only the motion contradicts it, and some false bearings
 as the true one, without large residuals. A considerable rejected share then indicates that accepted bearings may be
 false, too.
 
-Compass angles: lines of sight of one time step meet near one position if angles are measured from +x towards +y.
+Angle conventions: lines of sight of one time step meet near one position if angles are measured from +x towards +y.
 Converted from compass bearings, pi / 2 - b, lines of stations in general positions do not meet, or meet behind the
-stations. Both are tried; a warning is given if the other convention fits much better.
+stations. If they do not meet as given, other conventions, units and orders of stations are tried; a warning is given
+if one fits much better.
 
-Small noise: bearings with a stated standard deviation below that of any real sensor, which many filters cannot use.
+Stated noise: bearings with a stated standard deviation below that of any real sensor, which many filters cannot use,
+or that differs from their scatter from frame to frame about as degrees differ from radians.
 
 Unassociated candidates: several people offered to a filter that tracks a single target.
 """
@@ -26,8 +28,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -115,59 +119,133 @@ MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
 
 
+class _Angles(NamedTuple):
+    """Bearings of one target by n stations at one time step.
+
+    Attributes:
+        positions: (n, 2) of the stations.
+        yaw: (n,) of the stations as the scene states them [rad].
+        bearing: (n,) azimuths in the world [rad].
+        names: names of the stations.
+    """
+
+    positions: Floats
+    yaw: Floats
+    bearing: Floats
+    names: list[str]
+
+
+Reading = Callable[[_Angles], _Angles]
+_OF_ALL: dict[str, Reading] = {
+    "they are clockwise from +x: negate them": lambda a: a._replace(bearing=-a.bearing),
+    "they are relative to the arrays (ingest --doa-convention array)": lambda a: a._replace(bearing=a.bearing + a.yaw),
+    "they are in the world (ingest --doa-convention math)": lambda a: a._replace(bearing=a.bearing - a.yaw),
+    "they are clockwise in the arrays: negate them": lambda a: a._replace(bearing=2.0 * a.yaw - a.bearing),
+    "they are in radians: name their column azimuth_rad": lambda a: a._replace(bearing=np.degrees(a.bearing)),
+    "they are in radians in the arrays: name their column azimuth_rad": lambda a: a._replace(
+        bearing=a.yaw + np.degrees(wrap_angle(a.bearing - a.yaw))
+    ),
+    "the scene has yaw in radians as yaw_deg": lambda a: a._replace(bearing=a.bearing - a.yaw + np.degrees(a.yaw)),
+}
+"""Other readings of the bearings of all arrays, in words with the remedy."""
+_OF_ONE: dict[str, Callable[[_Angles], Floats]] = {
+    "those of {name} are in radians: convert them": lambda a: np.degrees(a.bearing),
+    "those of {name} are clockwise: negate them": lambda a: 2.0 * a.yaw - a.bearing,
+    "those of {name} are turned by 180 degrees": lambda a: a.bearing + np.pi,
+}
+"""Other readings of the bearings of one array of several."""
+
+
+def _of_one(name: str, reading: Callable[[_Angles], Floats], angles: _Angles) -> _Angles:
+    """Return the bearings with that of the station `name` read as `reading`."""
+    own = np.array(angles.names) == name
+    return angles._replace(bearing=np.where(own, reading(angles), angles.bearing))
+
+
+MAX_EXCHANGED = 6
+"""Number of arrays up to which two of them are tried as exchanged."""
+
+
 class AngleConventionCheck:
-    """Check of whether bearings of microphone arrays fit each other better as compass angles.
+    """Check of whether bearings of microphone arrays fit each other better in another convention, unit or order.
 
     Cameras are not checked.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Start with the arrays of a scene and no scans."""
-        self._positions = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
-        self._misfits: list[tuple[float, float]] = []
+        self._arrays = {a.name: a for a in scene.arrays}
+        self._steps: list[_Angles] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks unchanged, and collect the misfits of their bearings for the check."""
+        """Generate the chunks unchanged, and collect their bearings for the check."""
         for chunk in chunks:
-            if len(self._positions) > 1 and len(self._misfits) < MAX_STEPS:
+            if len(self._arrays) > 1 and len(self._steps) < MAX_STEPS:
                 self._check_chunk(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Return the check, with a finding if bearings fit much better as compass angles than from +x towards +y."""
-        if len(self._misfits) < MIN_STEPS:
+        """Return the check, with a finding if bearings fit much better if they are read in another way."""
+        if len(self._steps) < MIN_STEPS:
             return outcome(
                 CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
             )
-        plain, other = np.median(self._misfits, axis=0).tolist()
-        if plain <= MIN_MISFIT_RAD2 or other > MAX_MISFIT_RATIO * plain:
+        plain = self._misfit(lambda angles: angles)
+        if plain <= MIN_MISFIT_RAD2:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
-        return (
-            finding(
-                CONVENTION,
-                "compass",
-                misfit_deg=float(np.degrees(np.sqrt(other))),
-                given_deg=float(np.degrees(np.sqrt(plain))),
-                steps=len(self._misfits),
-            ),
-        )
+        compass = self._misfit(lambda angles: angles._replace(bearing=0.5 * np.pi - angles.bearing))
+        other, change = min((self._misfit(reading), words) for words, reading in self._readings())
+        best = min(compass, other)
+        if best > MAX_MISFIT_RATIO * plain:
+            return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
+        now, then = np.degrees(np.sqrt([plain, best])).tolist()
+        id = "compass" if best == compass else "bearings-fit-if"
+        steps = len(self._steps)
+        return (finding(CONVENTION, id, change=change, misfit_deg=then, given_deg=now, steps=steps),)
+
+    def _readings(self) -> Iterator[tuple[str, Reading]]:
+        """Generate the other readings of the bearings, in words: of all arrays, of two exchanged ones, and of one."""
+        yield from _OF_ALL.items()
+        names = list(self._arrays)
+        for pair in combinations(names, 2) if len(names) <= MAX_EXCHANGED else ():
+            for turned in (False, True):
+                yield f"arrays {pair[0]} and {pair[1]} are exchanged", partial(self._exchanged, pair, turned)
+        for name in names if len(names) > 2 else ():
+            for words, reading in _OF_ONE.items():
+                yield words.format(name=name), partial(_of_one, name, reading)
+
+    def _exchanged(self, pair: tuple[str, str], turned: bool, angles: _Angles) -> _Angles:
+        """Return the bearings with those of two arrays exchanged: each has the position of the other one.
+
+        `turned`: and its yaw, as if bearings had been relative to the arrays.
+        """
+        other = dict([pair, pair[::-1]])
+        arrays = [self._arrays[other.get(name, name)] for name in angles.names]
+        yaw = np.array([each.yaw for each in arrays])
+        positions = np.array([each.position[:2] for each in arrays])
+        return angles._replace(positions=positions, bearing=angles.bearing + (yaw - angles.yaw if turned else 0.0))
+
+    def _misfit(self, reading: Reading) -> float:
+        """Return the median misfit [rad^2] of the collected time steps, each with its bearings read in another way."""
+        return float(np.median([misfit(each.positions, each.bearing) for each in map(reading, self._steps)]))
 
     def _check_chunk(self, chunk: Bearings) -> None:
-        """Collect the misfits of the time steps of a chunk in which several arrays have a bearing of one target.
+        """Collect the bearings of the time steps of a chunk in which several arrays have one of one target.
 
-        Each is stored for both conventions, up to `MAX_STEPS`.
+        At most `MAX_STEPS` are kept.
         """
-        use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._positions))
+        use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._arrays))
         own = chunk.take(use)
         order = np.lexsort((own.target_id, own.t_ns))
         t_ns, target = own.t_ns[order], own.target_id[order]
         cuts = np.flatnonzero((np.diff(t_ns) != 0) | (np.diff(target) != 0)) + 1
         for rows in np.split(order, cuts):
             names = own.sensor[rows].tolist()
-            if len(names) > 1 and len(set(names)) == len(names) and len(self._misfits) < MAX_STEPS:
-                positions = np.array([self._positions[name] for name in names])
-                bearings = own.bearing[rows]
-                self._misfits.append((misfit(positions, bearings), misfit(positions, 0.5 * np.pi - bearings)))
+            if len(names) > 1 and len(set(names)) == len(names) and len(self._steps) < MAX_STEPS:
+                arrays = [self._arrays[name] for name in names]
+                positions = np.array([each.position[:2] for each in arrays], dtype=np.float64)
+                yaw = np.array([each.yaw for each in arrays])
+                self._steps.append(_Angles(positions, yaw, own.bearing[rows], names))
 
 
 def misfit(positions: Floats, bearings: Floats) -> float:
@@ -192,41 +270,91 @@ MIN_SIGMA_RAD = 1e-7
 """Smallest standard deviation that is accepted: 0.02 seconds of arc."""
 
 
-class SmallNoiseCheck:
-    """Check for bearings with an implausibly small stated standard deviation."""
+UNIT_RATIO = (20.0, 160.0)
+"""Ratio of the scatter of bearings to their stated standard deviations, or its inverse, between which one is taken to
+be in degrees and the other in radians: about 57."""
+MAX_INTERVAL_S, MIN_TRIPLES, MAX_TRIPLES = 0.5, 30, 5000
+"""Longest interval between bearings that are compared, and number of threes of successive bearings of a sensor."""
+MAX_SCATTER_RAD, MAX_SMALL_SIGMA_RAD, MIN_LARGE_SIGMA_RAD = 0.35, 0.0035, 0.5
+"""Largest scatter of bearings of one source; stated standard deviations below and above which their unit is doubted."""
+
+
+class StatedNoiseCheck:
+    """Check for bearings with an implausibly small stated standard deviation, or with one in another unit."""
 
     def __init__(self) -> None:
         """Start with no bearing counted."""
         self._found: Counter[str] = Counter()
         self._least = np.inf
+        self._scatter: dict[str, list[Floats]] = {}  # (n, 2) scatter and stated standard deviation by sensor [rad]
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks unchanged, and count their bearings with a standard deviation below `MIN_SIGMA_RAD`.
+        """Generate the chunks unchanged, and compare the stated standard deviations of their bearings.
 
+        Counted are those below `MIN_SIGMA_RAD`; others are compared with second differences of successive bearings.
         Bearings with pixels are left out, as their noise is that of the pixels.
         """
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading
-            small = chunk.seen & (chunk.sigma < MIN_SIGMA_RAD) & ~np.isfinite(chunk.u_px)
+            own = chunk.take(chunk.seen & ~np.isfinite(chunk.u_px))
+            small = own.sigma < MIN_SIGMA_RAD
             if small.any():
-                self._found.update(chunk.sensor[small].tolist())
-                self._least = min(self._least, float(chunk.sigma[small].min()))
+                self._found.update(own.sensor[small].tolist())
+                self._least = min(self._least, float(own.sigma[small].min()))
+            for name in np.unique(own.sensor[~small]).tolist():
+                kept = self._scatter.setdefault(name, [])
+                if sum(map(len, kept)) < MAX_TRIPLES:
+                    kept.append(_second_differences(own.take((own.sensor == name) & ~small)))
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Return the check, with a finding if any stated noise is below that of any real sensor."""
-        if not self._found:
-            return outcome(STATED, ())
-        return (
-            finding(
+        """Return the check, with findings on stated noises that are below any real one, or in another unit."""
+        return outcome(STATED, self._findings())
+
+    def _findings(self) -> Iterator[Check]:
+        if self._found:
+            yield finding(
                 STATED,
                 "measurement-noise-small",
                 sensors=sorted(self._found),
                 count=sum(self._found.values()),
                 least_rad=self._least,
                 allowed=MIN_SIGMA_RAD,
-            ),
-        )
+            )
+        scatters = {name: np.concatenate(kept) for name, kept in self._scatter.items()}
+        medians = {name: np.median(own, axis=0) for name, own in scatters.items() if len(own) >= MIN_TRIPLES}
+        for words, inverse in (("radians", False), ("degrees", True)):
+            found = {}
+            for name, (scatter, sigma) in medians.items():
+                doubted = sigma > MIN_LARGE_SIGMA_RAD if inverse else sigma < MAX_SMALL_SIGMA_RAD
+                ratio = sigma / max(scatter, 1e-12) if inverse else scatter / sigma
+                low, high = UNIT_RATIO
+                if scatter < MAX_SCATTER_RAD and doubted and low < ratio < high:
+                    found[name] = (float(np.degrees(scatter)), float(np.degrees(sigma)))
+            if found:
+                scatter_deg, sigma_deg = np.median(list(found.values()), axis=0).tolist()
+                yield finding(
+                    STATED, "noise-unit", sensors=list(found), sigma_deg=sigma_deg, scatter_deg=scatter_deg, unit=words
+                )
+
+
+def _second_differences(rows: Bearings) -> Floats:
+    """Return (n, 2) estimates of the standard deviation of bearings of one sensor, and the stated ones [rad].
+
+    They are absolute second differences of three successive bearings at about equal intervals, of time steps with one
+    bearing, over the factor that they have for normal noise in the median: sqrt(6) times 0.6745.
+    """
+    times, first, count = np.unique(rows.t_ns, return_index=True, return_counts=True)
+    step_s = np.diff(times) / NS
+    before, after = step_s[:-1], step_s[1:]
+    alone = count == 1
+    use = (np.maximum(before, after) <= np.minimum(MAX_INTERVAL_S, 1.5 * np.minimum(before, after))) & (
+        alone[:-2] & alone[1:-1] & alone[2:]
+    )
+    bearing = rows.bearing[first]
+    second = wrap_angle(bearing[2:] - bearing[1:-1]) - wrap_angle(bearing[1:-1] - bearing[:-2])
+    scatter = np.abs(second) / (math.sqrt(6.0) * 0.6745)
+    return np.asarray(np.column_stack([scatter, rows.sigma[first][1:-1]])[use])
 
 
 GATE_SIGMAS = 4.0

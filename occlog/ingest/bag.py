@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.consistency.clock_offsets import ReceivedTimes, cause_of
 from occlog.console.text import counted
-from occlog.errors import InputError, OcclogError, UsageError, option
+from occlog.errors import InputError, OcclogError, UsageError, abridged, option
 from occlog.io.files.timing.frame_times import FrameTimes, to_world_time
 from occlog.io.files.timing.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
@@ -273,7 +273,7 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
         frame = plan.world_frame.lstrip("/")
         if not tree.knows(frame):
             raise UsageError(
-                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}",
+                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {abridged(tree.frames)}",
                 id="unknown-name",
             )
         return frame

@@ -1,18 +1,21 @@
-"""Detection of a wrong image size from box edges.
+"""Detection of a wrong image size, or of exchanged columns, from box edges.
 
 A detector that clips boxes at the image border leaves many of them with the same right or lower edge. If cameras agree
-that this edge is not that of the stated images, the calibration is for another image size.
+that this edge is not that of the stated images, the calibration is for another image size. If most boxes are wider than
+high, their columns are in another order, or the images were rotated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import option
+from occlog.io.formats.boxes.rows import fingerprints
 from occlog.records.tables import Boxes
 from occlog.records.verdicts import Check, finding, outcome
 
@@ -34,6 +37,12 @@ BEYOND_PX, MIN_BEYOND = 16, 0.3
 people whom the border cuts, but of a third of them."""
 MIN_CORNERS = 0.98
 """Share of these boxes with sizes that end inside the images as right and lower edges, from which they are such."""
+WIDE, MIN_WIDE, MIN_SHAPES = 1.3, 0.5, 20
+"""Ratio of width to height from which a box is not that of a person who stands or walks, share of such boxes of a
+camera from which they are reported, and number of boxes at least: near people are cut by the lower border."""
+MIN_IDENTICAL, MAX_HASHED = 0.5, 20_000
+"""Share of boxes at the same pixels of the same frames from which two cameras are reported as one, and number of the
+boxes of a camera that are compared, about."""
 MAX_PX = 2**16
 
 
@@ -50,11 +59,18 @@ class _Border(NamedTuple):
 
 
 class BoxExtents:
-    """Histograms of the right and lower edges of boxes by pixel, for each camera, to detect a wrong image size."""
+    """Histograms by pixel of the right and lower edges of boxes of each camera, and counts of boxes by their shape."""
 
-    def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Start without boxes; `sizes` has width and height [px] of the images by camera."""
-        self._sizes = sizes
+    def __init__(self, sizes: Mapping[str, tuple[int, int]], upright: Collection[str] = ()) -> None:
+        """Start without boxes.
+
+        Args:
+            sizes: width and height [px] of the images by camera.
+            upright: cameras in whose images standing people are higher than wide, if the boxes are of people.
+        """
+        self._sizes, self._upright = sizes, upright
+        self._wide: dict[str, int] = {}  # boxes that are wider than high by `WIDE`
+        self._hashes: dict[str, set[int]] = {}  # of each of the first `MAX_HASHED` boxes with its frame
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
         self._corners: dict[str, int] = {}  # boxes with a size that can be the right and lower edges
@@ -70,6 +86,11 @@ class BoxExtents:
             edges, sizes = own - size[mine], size[mine]
             corners = (sizes > edges) & (sizes <= np.array(self._sizes.get(name, (0, 0))) + BEYOND_PX)
             self._corners[name] = self._corners.get(name, 0) + int(np.count_nonzero(corners.all(axis=1)))
+            hashes = self._hashes.setdefault(name, set())
+            if len(hashes) < MAX_HASHED:
+                hashes.update(fingerprints([table.frame[mine], *own.T, *sizes.T]).tolist())
+            wide = sizes[:, 0] > WIDE * sizes[:, 1]
+            self._wide[name] = self._wide.get(name, 0) + int(np.count_nonzero(wide))
             for axis in (0, 1):
                 pixels = np.clip(np.round(own[:, axis]), 0, MAX_PX - 1).astype(np.int64)
                 before = self._counts.setdefault((name, axis), np.zeros(MAX_PX, dtype=np.int64))
@@ -79,14 +100,33 @@ class BoxExtents:
                 np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
     def checks(self, known: Collection[str], *, given: bool = False) -> tuple[Check, ...]:
-        """Outcome of the check whether images have another size than stated, by the boxes added so far.
+        """Outcome of the check whether images have another size than stated, or boxes another form, as added so far.
 
         Args:
             known: cameras with an image size that is known from images or box files, not only from the calibration.
             given: the user gives the size.
         """
-        none = "" if any(name in self._sizes for name, _ in self._counts) else "no boxes of images of a stated size"
-        return outcome(EXTENTS, self._found(known, given), unless=none)
+        known_size = any(name in self._sizes for name, _ in self._counts)
+        none = "" if known_size or self._counts else "no boxes of images of a stated size"
+        found = self._found(known, given) if known_size else iter(())
+        return outcome(EXTENTS, chain(self._found_wide(), self._found_identical(), found), unless=none)
+
+    def _found_wide(self) -> Iterator[Check]:
+        """Yield a finding on the cameras with boxes that are mostly wider than high."""
+        counts = {name: int(self._counts[name, 0].sum()) for name in self._wide if name in self._upright}
+        shares = {name: self._wide[name] / count for name, count in counts.items() if count >= MIN_SHAPES}
+        names = [name for name, share in shares.items() if share >= MIN_WIDE]
+        if names:
+            share = max(shares[name] for name in names)
+            yield finding(EXTENTS, "boxes-wide", sensors=names, share=share, allowed=MIN_WIDE)
+
+    def _found_identical(self) -> Iterator[Check]:
+        """Yield a finding for each pair of cameras of which most boxes are at the same pixels of the same frames."""
+        for (name, own), (other, others) in combinations(self._hashes.items(), 2):
+            least = min(len(own), len(others))
+            share = len(own & others) / max(least, 1)
+            if least >= MIN_SHAPES and share >= MIN_IDENTICAL:
+                yield finding(EXTENTS, "boxes-identical", sensors=[name, other], share=share, allowed=MIN_IDENTICAL)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
         """Yield a finding on another image size if box edges of all cameras agree on it.

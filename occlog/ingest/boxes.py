@@ -28,6 +28,11 @@ from .box_extent import BoxExtents
 from .plan import IngestPlan
 
 B = TypeVar("B", bound=Boxes)
+MIN_UPRIGHT = 0.7
+"""Least vertical component of the upward direction of an image in which people are upright: a camera that is tilted or
+rolled by less than 45 degrees."""
+PEOPLE = frozenset({"0", "1", "person", "people", "pedestrian", "human", "head_body"})
+"""Classes that may be people: numbers of COCO's and MOTChallenge's, and usual names."""
 Note = Callable[[str], None]
 
 
@@ -146,6 +151,11 @@ def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     return options if plan.classes else replace(options, classes=None)
 
 
+def are_people(survey: BoxSurvey) -> bool:
+    """Whether each class of the boxes that are read may be people; True if the files state no classes."""
+    return all(PEOPLE & set(label) for label in survey.classes if label)
+
+
 def inside(
     tables: Iterator[B],
     scene: Scene,
@@ -155,6 +165,7 @@ def inside(
     known: Collection[str] = (),
     *,
     given: bool = False,
+    of_people: bool = True,
 ) -> Iterator[B]:
     """Generate the tables without boxes entirely outside the image or outside the valid field of a fisheye lens.
 
@@ -169,9 +180,11 @@ def inside(
         found: the check of the image size by box edges is added at the end.
         known: cameras with an image size that is known from images or box files, not only from the calibration.
         given: the user gives the size.
+        of_people: no class of the boxes is that of other objects.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
-    extents, total = BoxExtents(sizes), 0
+    upright = [c.name for c in scene.cameras if of_people and (not c.placed or -c.rotation[2, 1] > MIN_UPRIGHT)]
+    extents, total = BoxExtents(sizes, upright), 0
     outside: Counter[str] = Counter()
     askew: Counter[str] = Counter()
     over: Counter[str] = Counter()

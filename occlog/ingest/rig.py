@@ -15,10 +15,10 @@ from occlog.console.text import counted
 from occlog.core.geometry.camera import intersection_point, is_upright, looks_away, other_up_axis, vertical
 from occlog.io.formats.calibration.common import CALIBRATION
 from occlog.io.formats.calibration.reader import CalibrationFile
-from occlog.records.scene import HEIGHT_SLACK, Camera
+from occlog.records.scene import HEIGHT_SLACK, Camera, other_angle_readings
 from occlog.records.verdicts import Check, finding, outcome
 
-HANDED, UPRIGHT, HEIGHTS = "handedness of the world", "vertical of the world", "camera heights"
+HANDED, UPRIGHT, HEIGHTS, ANGLES = "handedness of the world", "vertical of the world", "camera heights", "scene angles"
 """Names of checks."""
 AUTO = "auto"
 """Value of `up` that finds the vertical by the horizons of the cameras."""
@@ -128,6 +128,9 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 NEAR, NEARER = 0.15, 3.0
 """Axes meet if their mean distance from one place is below this share of the distance between the cameras; and by how
 much less it has to be with another meaning of the extrinsics, where nothing else contradicts them."""
+MAX_VIEW = 4.0
+"""Longest distance from cameras to the place that all of them view, over the extent of their positions: axes that are
+nearly parallel meet far away."""
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
@@ -210,6 +213,31 @@ def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]
     yield "those of bodies (x forward, y left, z up)", rotations @ BODY, centres
     yield "quaternions with w first, read as x, y, z, w", w_last, centres
     yield "quaternions with w last, read as w, x, y, z", w_first, -np.einsum("nij,nj->ni", w_first, shifts)
+
+
+def scene_checks(cameras: Sequence[Camera]) -> tuple[Check, ...]:
+    """Outcome of the check whether angles of cameras in a scene file are in another unit or sense.
+
+    They are if all cameras then view one place, which is below them, and as stated they do not.
+    """
+    placed = [c for c in cameras if c.has_height]
+    if len(placed) < 2:
+        return outcome(ANGLES, (), unless="the scene has fewer than two cameras with poses in space")
+    centres = np.array([c.position for c in placed])
+
+    def off(rotations: Floats) -> float:
+        point, along = intersection_point(centres, rotations[:, :, 2])
+        near = float(along.max()) < MAX_VIEW * float(np.linalg.norm(np.ptp(centres, axis=0)))
+        below = point[2] < centres[:, 2].min()
+        return _distance_from_axes(centres, rotations[:, :, 2]) if near and below else np.inf
+
+    given = off(np.array([c.rotation for c in placed]))
+    by_camera = [dict(other_angle_readings(c.rotation)) for c in placed]
+    changes = [words for words in by_camera[0] if all(words in each for each in by_camera)]
+    found = {words: off(np.array([each[words] for each in by_camera])) for words in changes}
+    change = min(found, key=found.__getitem__)
+    fits = found[change] < NEAR and NEARER * found[change] < given
+    return outcome(ANGLES, [finding(ANGLES, "scene-angles-fit-if", change=change)] if fits else ())
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

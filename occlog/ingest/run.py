@@ -41,7 +41,7 @@ from occlog.records.verdicts import Check, Verdict, summary_of, texts_of
 from occlog.runner import Job
 
 from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
-from .boxes import box_files, box_options, inside, known_cameras, note_frames, truth_options
+from .boxes import are_people, box_files, box_options, inside, known_cameras, note_frames, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, with_offsets
 from .request import IngestRequest
@@ -112,7 +112,7 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
         in_bag = bag.found.map.cameras if bag else ()
         wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
         plan.check_names(wanted)
-        scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {})
+        scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {}, note)
         scene = with_offsets(scene, plan.clock_offset)
         sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
@@ -328,7 +328,8 @@ def _write_tables(
         note_frames(survey, times, note)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
         sized = {*survey.sizes, *plan.video, *plan.images}
-        tables.append(inside(read, scene, done.losses, note, done.checks, sized, given=plan.image_size is not None))
+        given, people = plan.image_size is not None, are_people(survey)
+        tables.append(inside(read, scene, done.losses, note, done.checks, sized, given=given, of_people=people))
     copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}

@@ -25,13 +25,14 @@ from occlog.io.formats.calibration.reader import CalibrationFile, read_calibrati
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import read_readers
 from occlog.io.open import load_scene
+from occlog.records.messages import listed
 from occlog.records.names import first_double
 from occlog.records.scene import HEIGHT_SLACK, Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 from occlog.records.tables import Truth
 from occlog.records.verdicts import Check, outcome
 
 from .plan import IngestPlan
-from .rig import AUTO, describe, world_checks
+from .rig import AUTO, describe, scene_checks, world_checks
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -333,6 +334,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
     scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
+    of_scene = scene_checks(scene.cameras)
     cameras = list(scene.cameras)
     if plan.calibration:
         options = plan.calibration_options()
@@ -360,7 +362,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
-    return IngestScene(found, turn, checks)
+    return IngestScene(found, turn, (*of_scene, *checks))
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:
@@ -406,17 +408,20 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
     return arrays
 
 
-def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
+def match_cameras(
+    scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str], note: Note
+) -> Scene:
     """Copy of the scene with the cameras that have data, named as the user names them.
 
-    Calibrations are matched by similar names. Calibrated cameras without data are removed, except those of a scene
-    file.
+    Calibrations are matched by similar names. Calibrated cameras without data are removed and noted, except those of a
+    scene file.
 
     Args:
         scene: with the calibrated cameras.
         wanted: names of cameras with data.
         plan: options of the user.
         reasons: why cameras of a bag have no pose, by name.
+        note: called with a line of text.
 
     Raises:
         InputError: a camera has no calibration, and the plan does not allow it.
@@ -443,9 +448,11 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
                 id="missing-pose",
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
-    if plan.scene is not None:
-        named = {c.name for c in load_scene(plan.scene, None, plan.output).cameras}
-        out += [c for c in kept.values() if c.name in named]
+    named = set() if plan.scene is None else {c.name for c in load_scene(plan.scene, None, plan.output).cameras}
+    out += [c for c in kept.values() if c.name in named]
+    unused = [c.name for c in kept.values() if c.name not in named]
+    if unused and wanted:
+        note(f"calibration: no boxes or images of {listed(unused)}, which the recording does not contain")
     return replace(scene, cameras=tuple(out))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints, Strings, Uints
 from occlog.console.text import counted
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate
 from occlog.io.files.timing.times import parse_start_time, read_sidecar
 from occlog.io.formats.boxes.rows import fingerprints
@@ -62,7 +62,7 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
             raise UsageError(
-                f"{path}: time stamps of camera {name}, which is not among the cameras: {', '.join(cameras)}",
+                f"{path}: time stamps of camera {name}, which is not among the cameras: {abridged(cameras)}",
                 id="unknown-sensor",
             )
         for camera, times in read_sidecar(path, names).items() if names else ():

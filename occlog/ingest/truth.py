@@ -6,12 +6,12 @@ Also restricts true positions to the frames of the recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError, option
 from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey
@@ -142,6 +142,23 @@ def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tup
     return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else None
 
 
+def _note_unlisted(listed: Mapping[str, Sequence[Ints]], note: Callable[[str], None]) -> None:
+    """Note how many frames between the first and the last one are not in true boxes, in the usual step of the numbers.
+
+    Args:
+        listed: frame numbers in parts, by camera.
+        note: called with the text for each camera with such frames.
+    """
+    for name, parts in listed.items():
+        steps = np.diff(np.unique(np.concatenate(parts)))
+        if len(steps) and (missing := int(np.sum(steps // steps.min() - 1))):
+            frames = missing + len(steps) + 1
+            note(
+                f"true boxes of camera {name}: {missing} of {frames} frames are not in the file, and count as not "
+                "annotated; where no target is in the image, list the frame without a box"
+            )
+
+
 def within_frames(
     tables: Iterator[Truth | TruthBoxes],
     plan: IngestPlan,
@@ -152,7 +169,8 @@ def within_frames(
     """Generate the tables of the truth, true positions restricted to the times of the frames that the plan selects.
 
     A note states how many were skipped. Without a selection all are kept, and a note states by how much they begin
-    before or end after the frames of a detector.
+    before or end after the frames of a detector. Another note states how many frames between the first and the last
+    have no rows of true boxes: these count as not annotated.
 
     Args:
         tables: of the truth; true boxes are unchanged.
@@ -168,7 +186,11 @@ def within_frames(
     span = None if frames is None else span_of(frames, times)
     rows = out = 0
     early = late = 0.0
+    listed: dict[str, list[Ints]] = {}
     for table in tables:
+        if isinstance(table, TruthBoxes):
+            for name in np.unique(table.sensor).tolist():
+                listed.setdefault(name, []).append(np.unique(table.frame[table.sensor == name]))
         if span is None or not isinstance(table, Truth) or not len(table):
             yield table
             continue
@@ -180,6 +202,7 @@ def within_frames(
             yield table
         elif inside.any():
             yield table.take(inside)
+    _note_unlisted(listed, note)
     if out and plan.frames:
         note_skipped(out, rows, plan, note)
     elif max(early, late) > MIN_REPORTED_S:

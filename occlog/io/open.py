@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
 from occlog.console.notes import log_detail
-from occlog.errors import InputError, NoSceneError, OcclogError, UsageError, option
+from occlog.errors import InputError, NoSceneError, OcclogError, UsageError, abridged, option
 from occlog.io.files.input_units import STATED
 from occlog.io.files.limits import EXPECTED, ROS_BAG, Content, content_of, describe_unsupported, holds_text
 from occlog.io.files.provenance import Provenance
@@ -263,7 +263,7 @@ def _refuse_stations(path: Path) -> None:
         check_stations(path)
         if occurs_twice(path):
             raise InputError(
-                f"{path}: has no column of times or frame numbers among {', '.join(source.names)}; name one "
+                f"{path}: has no column of times or frame numbers among {abridged(source.names)}; name one "
                 "time_s or t_ns",
                 id="missing-column",
             )

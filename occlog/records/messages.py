@@ -257,6 +257,17 @@ VERDICT: dict[str, Message] = {
         "bearings seem to be clockwise from north (compass): misfit {misfit_deg:.2g} degrees, as given {given_deg:.2g}",
         "name the column compass_deg, or give ingest --doa-convention compass",
     ),
+    "bearings-fit-if": Message(
+        W,
+        "bearings meet to {misfit_deg:.2g} degrees (as given {given_deg:.2g}) if {change}",
+        "correct the table or the scene",
+    ),
+    "noise-unit": Message(
+        W,
+        "bearings of {sensors} scatter by {scatter_deg:.2g} degrees, and state {sigma_deg:.2g}: their sigma may be in "
+        "{unit}",
+        "name it after its unit: sigma_deg, or sigma_rad (in a scene sigma)",
+    ),
     "measurement-noise-small": Message(
         N,
         "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (below "
@@ -646,6 +657,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: convention of its extrinsics: if they are {change}, it is upright and sees what others see",
         "correct its file of the calibration",
     ),
+    "scene-angles-fit-if": Message(
+        W,
+        "cameras of the scene view one place below them only if {change}",
+        "correct the angles: degrees in yaw_deg, radians in yaw, from +x towards +y, pitch upwards",
+    ),
     "vertical-uncertain": Message(
         W,
         "the vertical is uncertain, as all cameras have the same viewing direction: their pitch is assumed to be 0",
@@ -714,6 +730,16 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: line {line}: frame {after} after {before}: a counter of {bits} bits began again",
         "add {count} to the frames from there on",
+    ),
+    "boxes-wide": Message(
+        W,
+        "camera {sensors}: {share:.0%} of boxes are wider than high, unlike people (allowed: {allowed:.0%})",
+        "check the order of columns (x, y), and whether images were rotated",
+    ),
+    "boxes-identical": Message(
+        W,
+        "cameras {sensors}: {share:.0%} of their boxes are identical (allowed: {allowed:.0%})",
+        "check whether one file or video was used for both",
     ),
     "boxes-corners": Message(
         W,
@@ -850,7 +876,7 @@ VERDICT: dict[str, Message] = {
     "microphone-silent": Message(
         W,
         "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
-        "check cable and channel order, or remove it",
+        "check its cable and {option[channels]} (from 1), or remove it",
     ),
     "microphone-interrupted": Message(
         W,
@@ -870,7 +896,7 @@ VERDICT: dict[str, Message] = {
     "microphone-unrelated": Message(
         W,
         "array {sensors}: microphone {microphones} has no sound in common with the others",
-        "check its cable and channel, or remove it",
+        "check its cable and {option[channels]} (from 1), or remove it",
     ),
     "microphone-inverted": Message(
         W,

@@ -22,7 +22,7 @@ Times are seconds after the first step of the recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -375,6 +375,25 @@ def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
     Roll is clockwise as seen from behind the camera.
     """
     return cam.rotation_from_angles(yaw, pitch, roll)
+
+
+def other_angle_readings(rotation: Floats) -> Iterator[tuple[str, Floats]]:
+    """Rotations that a scene may have meant by the angles of a camera, if these are in another unit or sense.
+
+    Args:
+        rotation: (3, 3) world-from-camera, as read.
+
+    Yields:
+        The mistake in words, and the (3, 3) world-from-camera rotation without it; radians are tried only where all
+        angles are those of radians that were read as degrees.
+    """
+    yaw, pitch, roll = cam.angles_from_rotation(rotation)
+    if max(abs(yaw), abs(pitch), abs(roll)) <= math.radians(2.0 * math.pi):
+        yield "yaw_deg, pitch_deg, roll_deg are in radians", camera_rotation(*map(math.degrees, (yaw, pitch, roll)))
+    if abs(pitch) <= math.radians(0.5 * math.pi):
+        yield "pitch_deg is in radians", camera_rotation(yaw, math.degrees(pitch), roll)
+    yield "pitch is positive downwards", camera_rotation(yaw, -pitch, roll)
+    yield "yaw is clockwise from north (+y)", camera_rotation(0.5 * math.pi - yaw, pitch, roll)
 
 
 def _border_rays(

@@ -23,7 +23,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.path_loss import log_distance
 from occlog.core.geometry.radio_defaults import NOISE_DB, SHADOW_DB, SHADOW_S
-from occlog.errors import InputError, option
+from occlog.errors import InputError, did_you_mean, option
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
@@ -40,7 +40,7 @@ from occlog.records.tables import Reads
 from occlog.settings import METRES
 
 from .config import DistanceMeasurementConfig
-from .grouping import Scan, ScanMeasurements, nearest, sensor_names
+from .grouping import Scan, ScanMeasurements, sensor_names
 
 MIN_NEGATIVE_SIGMAS = 5.0
 """Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
@@ -569,7 +569,8 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
     for name in found.tolist():
         if name not in at.names:
             raise InputError(
-                f"measurements: no station {name!r} (column {column}) in the scene; {nearest(name, at.names)}",
+                f"measurements: no station {name!r} (column {column}) in the scene; "
+                f"{did_you_mean(name, at.names, 'it has')}",
                 id="unknown-sensor",
             )
         if not np.isfinite(at.position[at.names.index(name), :2]).all():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, did_you_mean
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene
@@ -201,7 +200,8 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
     for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):
         if name not in names:
             raise InputError(
-                f"bearings: row {row}: no sensor {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor"
+                f"bearings: row {row}: no sensor {name!r} in the scene; {did_you_mean(name, names, 'it has')}",
+                id="unknown-sensor",
             )
         if name in unplaced:
             raise InputError(
@@ -209,13 +209,6 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
                 f"or leave {name} out",
                 id="missing-pose",
             )
-
-
-def nearest(name: str, names: tuple[str, ...]) -> str:
-    """Return a hint for an unknown name, as text: the most similar one of `names`, or all of them."""
-    similar = [known for known in names if known.casefold() == name.casefold()]
-    near = similar or get_close_matches(name, names, n=1)
-    return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
 
 
 def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
@@ -307,7 +300,8 @@ def choose_sensors(
     for name in (*only, *without):
         if name not in names:
             raise UsageError(
-                f"no sensor {name!r} in the scene, to be used or omitted; {nearest(name, names)}", id="unknown-sensor"
+                f"no sensor {name!r} in the scene, to be used or omitted; {did_you_mean(name, names, 'it has')}",
+                id="unknown-sensor",
             )
     used = frozenset(only or names) - frozenset(without)
     if not used:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from occlog import console
-from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
+from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, StatedNoiseCheck
 from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.range_biases import RangeBiases
 from occlog.consistency.systematic_errors import SystematicErrors
@@ -69,7 +69,7 @@ class TrackSummary:
         self.evidence = ConsistencyEvidence(distances=measured is not None, unit=scene.length_unit)
         self.sensors, self.measured = SystematicErrors(scene), measured
         self.ranges = None if measured is None else RangeBiases(scene, measured.names)
-        self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
+        self.compass, self.sharp = AngleConventionCheck(scene), StatedNoiseCheck()
         self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()

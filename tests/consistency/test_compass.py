@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,62 @@ def codes(rows: Bearings) -> list[str]:
 def test_bearings_of_a_compass_are_noticed_and_plain_ones_pass(sigma: float, false: float) -> None:
     assert codes(table(40, compass=True, sigma=sigma, false=false)) == ["compass"]
     assert codes(table(40, compass=False, sigma=sigma, false=false)) == []
+
+
+YAWS = np.radians([50.0, 160.0, -70.0])
+
+
+def turned_scene(yaw: np.ndarray, order: list[int]) -> Scene:
+    """Arrays with yaws (3,), at the positions of the order."""
+    arrays = zip(NAMES, PLACES[order], yaw[order].tolist(), strict=True)
+    return Scene(arrays=tuple(MicrophoneArray(name, np.append(p, 0.0), yaw=y) for name, p, y in arrays))
+
+
+def misread(true: np.ndarray, how: str) -> tuple[np.ndarray, Scene]:
+    """Bearings (n, 3) in the world as they are read with a mistake, and the scene."""
+    in_array = (true - YAWS + np.pi) % (2.0 * np.pi) - np.pi
+    right, order = turned_scene(YAWS, [0, 1, 2]), [0, 1, 2]
+    if how == "negate":
+        return -true, right
+    if how == "relative":
+        return in_array, right
+    if how == "world":
+        return true + YAWS, right
+    if how == "in the arrays":
+        return YAWS - in_array, right
+    if how == "yaw in radians":
+        stated = np.radians(YAWS)
+        return in_array + stated, turned_scene(stated, order)
+    if how == "exchanged":
+        return true, turned_scene(YAWS, [1, 0, 2])
+    if how == "b are in radians":
+        return np.column_stack([true[:, 0], np.radians(true[:, 1]), true[:, 2]]), right
+    assert how == "c are turned by 180"
+    return true + np.array([0.0, 0.0, np.pi]), right
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "negate",
+        "relative",
+        "world",
+        "in the arrays",
+        "yaw in radians",
+        "exchanged",
+        "b are in radians",
+        "c are turned by 180",
+    ],
+)
+def test_other_readings_of_bearings_are_named(how: str) -> None:
+    rows = table(40, compass=False, sigma=0.01)
+    bearing, scene = misread(rows.bearing.reshape(-1, 3), how)
+    check = AngleConventionCheck(scene)
+    wrapped = (bearing.ravel() + np.pi) % (2.0 * np.pi) - np.pi
+    list(check.watch([replace(rows, bearing=wrapped)]))
+    (found,) = findings(check.checks())
+    assert found.id == "bearings-fit-if"
+    assert how in found.text
 
 
 def test_few_moments_and_bearings_that_fit_nothing_say_nothing() -> None:

@@ -150,7 +150,7 @@ FINDINGS = [
         "d.csv: line 2: id is -7; it must be -1 to 2147483647",
     ),
     *((name, row.encode(), f"is {2**32 + 5}; it must be") for name, row in WRAPPED),
-    ("boxes (YOLO)", b"0 0.5 0.5 inf 0.3 0.9 7\n", "000002.txt: line 1: share_width is 'inf'"),
+    ("boxes (YOLO)", b"0 0.5 0.5 inf 0.3 0.9 7\n", "000002.txt: line 1: width (share) is 'inf'"),
     ("directions (CSV)", b"time,sensor,azimuth_deg,confidences\n0,wall,90,1\n", "; did you mean 'confidence'?"),
     ("foreign table (Arrow)", with_zone(b"\xd4C"), "column time: "),
     ("calibration (Kalibr)", seeds.KALIBR.replace("-0.1]", "-1.0e+308]").encode(), "limit 1e+12"),

@@ -75,6 +75,22 @@ def test_boxes_of_larger_images_are_reported_where_no_border_ends_them() -> None
     assert "of its boxes end beyond its images" in message
 
 
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_boxes_wider_than_high_are_named_with_the_camera_if_it_is_upright(name: str) -> None:
+    table = boxes(name, np.random.default_rng(4), SIZE)
+    turned = replace(
+        table, left_px=table.top_px, top_px=table.left_px, width_px=table.height_px, height_px=table.width_px
+    )
+    extents = BoxExtents({}, upright=["a"])
+    extents.add(turned)
+    (check,) = extents.checks(())
+    assert check.found == (name == "a")
+    assert not check.found or (check.id, check.sensors) == ("boxes-wide", ("a",))
+    upright = BoxExtents({}, upright=["a"])
+    upright.add(table)
+    assert not any(each.found for each in upright.checks(()))
+
+
 def test_corners_for_sizes_are_named_with_the_camera() -> None:
     rng = np.random.default_rng(4)
     right = [boxes(name, rng, SIZE, SIZE) for name in "ab"]
@@ -184,3 +200,11 @@ def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_re
     table = open_recording(tmp_path / "r.mcap").read(Boxes)
     assert table.frame.tolist() == list(range(40))
     assert (table.box >= 0).tolist() == [k % 2 == 0 for k in range(40)]
+
+
+def test_two_cameras_with_the_same_boxes_are_named() -> None:
+    rng = np.random.default_rng(4)
+    one, other = boxes("a", rng, SIZE), boxes("c", rng, SIZE)
+    copy = replace(one, sensor=np.full(len(one), "b"))
+    (check,) = found({}, [one, copy, other])
+    assert (check.id, check.sensors, check.figures["share"]) == ("boxes-identical", ("a", "b"), 1.0)

@@ -84,3 +84,18 @@ def test_many_identities_are_ingested_in_linear_time(tmp_path: Path) -> None:
     begin = process_time()
     assert run(["ingest", "--truth", str(tmp_path / "truth.csv"), "-o", str(tmp_path / "x.mcap")]) == ExitCode.DONE
     assert process_time() - begin < 10.0
+
+
+def test_frames_that_true_boxes_in_xml_do_not_list_are_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person = '<objectlist><object id="4"><box h="60" w="20" xc="50" yc="70"/></object></objectlist>'
+    frame = f'<frame number="{{}}">{person}</frame>'
+    for name, frames in (("whole", range(9)), ("parts", (0, 1, 8))):
+        (tmp_path / f"{name}.xml").write_text(f"<dataset>{''.join(map(frame.format, frames))}</dataset>")
+        (tmp_path / "b.csv").write_text("frame,left,top,width,height\n0,40,40,20,60\n8,40,40,20,60\n")
+        words = ["--boxes", f"a={tmp_path / 'b.csv'}", "--truth", f"a={tmp_path / name}.xml", "--fps", "10"]
+        out = str(tmp_path / f"{name}.mcap")
+        assert run(["ingest", "-o", out, *words, "--allow-uncalibrated"]) == ExitCode.DONE
+        noted = "true boxes of camera a: 6 of 9 frames are not in the file" in capsys.readouterr().err
+        assert noted == (name == "parts")

@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from occlog.cli.main import run
-from occlog.core.geometry.camera import is_upright
+from occlog.core.geometry.camera import angles_from_rotation, is_upright
 from occlog.errors import ExitCode, InputError, UsageError
-from occlog.ingest.rig import world_checks
+from occlog.ingest.rig import scene_checks, world_checks
 from occlog.ingest.scene import find_turn, read_up
 from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import read_calibration
@@ -393,3 +393,32 @@ def test_a_world_with_y_up_is_named_and_no_single_camera(n: int, up: str, axes: 
     assert found.id == "world-not-upright"
     assert found.text.endswith(f"(ingest --up {up})")
     assert ids(moved, up, None) == []
+
+
+def as_stated(camera: Camera, how: str) -> Camera:
+    """The camera as it is read from a scene that states its angles in another unit or sense."""
+    yaw, pitch, roll = angles_from_rotation(camera.rotation)
+    angles = {
+        "yaw_deg, pitch_deg, roll_deg are in radians": tuple(np.radians([yaw, pitch, roll]).tolist()),
+        "pitch is positive downwards": (yaw, -pitch, roll),
+        "yaw is clockwise from north (+y)": (0.5 * np.pi - yaw, pitch, roll),
+        "": (yaw, pitch, roll),
+    }[how]
+    return replace(camera, rotation=camera_rotation(*angles))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "yaw_deg, pitch_deg, roll_deg are in radians",
+        "pitch is positive downwards",
+        "yaw is clockwise from north (+y)",
+        "",
+    ],
+)
+def test_angles_of_a_scene_in_another_unit_or_sense_are_named(how: str) -> None:
+    corners = [(0.0, 0.0, 45.0), (8.0, 0.0, 135.0), (8.0, 6.0, 215.0)]
+    rig = [camera(f"cam{n}", x, y, 2.8, yaw, -22.0) for n, (x, y, yaw) in enumerate(corners)]
+    found = [check for check in scene_checks([as_stated(each, how) for each in rig]) if check.found]
+    assert [check.id for check in found] == (["scene-angles-fit-if"] if how else [])
+    assert all(how in check.text for check in found)

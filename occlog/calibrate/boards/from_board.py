@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.names import safe_name
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
@@ -90,7 +90,7 @@ def _cameras(request: CalibrateRequest) -> list[str]:
     unknown = [name for name in (*request.cameras, *request.without) if name not in names]
     if unknown:
         raise UsageError(
-            f"{path}: no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor"
+            f"{path}: no camera {unknown[0]!r} in the recording; cameras: {abridged(names)}", id="unknown-sensor"
         )
     used = [n for n in names if n not in request.without and (not request.cameras or n in request.cameras)]
     if not used:

@@ -25,7 +25,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.camera import wrap_angle
 from occlog.core.metrics.errors import Sum, pair_within, quantile, ratio_or_nan
 from occlog.core.numerics.interpolate import interpolate_positions
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.evaluate.errors.sums import quantiles_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry, sensors_of
@@ -348,7 +348,7 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
         if name not in cameras:
             raise InputError(
                 f"{option('held_out')} {name}: no camera of this name with a pose is in the scene; it has: "
-                f"{', '.join(cameras)}",
+                f"{abridged(cameras)}",
                 id="unknown-sensor",
             )
         frames = frames_of_boxes(boxes, name)

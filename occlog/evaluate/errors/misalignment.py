@@ -185,7 +185,7 @@ TIME_UNITS = (1e-3, 1e3, 1e-6, 1e6, 1e-9, 1e9, 60.0, 1.0 / 60.0)
 LENGTH_UNITS = (1e-3, 1e3, 1e-2, 1e2, 0.1, 10.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254)
 MAX_STEPS = 600
 """Shifts to each side that are tried."""
-MAX_RATE, MIN_RATE = 10.0, 0.02
+MAX_RATE, MIN_RATE = 100.0, 0.02
 """Largest ratio of frame rates, and smallest relative difference of them, that is tried."""
 ANGLES = 360
 """Rotations that are tried."""
@@ -244,7 +244,10 @@ def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[PositionSampl
 
 
 def alternative(
-    tracks: PositionSamples, truth: PositionSamples, gate: float, given: PositionSamples | None = None
+    tracks: PositionSamples,
+    truth: PositionSamples,
+    gate: float,
+    given: tuple[PositionSamples, PositionSamples] | None = None,
 ) -> tuple[Alternative, float, float] | None:
     """Find the simplest transform of the tracks after which they agree with the truth; None if none helps.
 
@@ -252,21 +255,21 @@ def alternative(
         tracks: estimates.
         truth: true positions.
         gate: largest distance of agreeing positions; if nothing fits, the share `NARROW` of it is tried.
-        given: true positions for the comparison without a transform; None: `truth`.
+        given: estimates and true positions for the comparison without a transform; None: `tracks` and `truth`.
 
     Returns:
         The transform, the F1 score without it (over the whole time), and the gate that was used.
     """
-    given = truth if given is None else given
+    given = (tracks, truth) if given is None else given
     if not (len(tracks.t) and len(truth.t)):
         return None
     for near in (gate, NARROW * gate):
-        now, best = _met(tracks, given, near), None
+        now, best = _met(*given, near), None
         for each in _changes(tracks, truth, near):
             if each.met >= max(MIN_MET, now + MIN_MORE) and (best is None or each.met > best.met + 0.1):
                 best = each
         if best is not None:
-            return best, _met(tracks, given, near, whole=True), near
+            return best, _met(*given, near, whole=True), near
     return None
 
 
@@ -438,6 +441,16 @@ def _turn(angle: float, mirror: float) -> Floats:
     return np.array([[c, -s * mirror], [s, c * mirror]])
 
 
+def _y_up(positions: PositionSamples, z: Floats) -> PositionSamples | None:
+    """Return positions (x, z) for (x, y) if z has a wider range than y, so that y may be up; None otherwise.
+
+    `z`: (n,) heights.
+    """
+    if not (len(z) and np.isfinite(z).all() and np.ptp(z) > np.ptp(positions.xy[:, 1])):
+        return None
+    return PositionSamples(positions.t, np.column_stack([positions.xy[:, 0], z]))
+
+
 MIN_MOTA = 0.2
 """MOTA below which another time, unit or frame is looked for."""
 
@@ -498,16 +511,17 @@ class TruthAlignment:
     def found(self) -> Iterator[Check]:
         """Generate the warning with the simplest transform of the tracks after which they agree with the truth.
 
-        Generates nothing if none helps. If the truth has z over a wider range than y, (x, z) is tried first as its
-        ground plane (y may be up).
+        Generates nothing if none helps. If the truth or the tracks have z over a wider range than y, (x, z) is tried
+        first as the ground plane (y may be up).
         """
-        (tracks, _), (truth, z) = (sample_of(each) for each in self._sources())
-        planes = {"": truth}
-        if np.isfinite(z).all() and len(z) and np.ptp(z) > np.ptp(truth.xy[:, 1]):
-            ground = PositionSamples(truth.t, np.column_stack([truth.xy[:, 0], z]))
-            planes = {"x and z of the truth for its x and y (y up)": ground} | planes
-        for words, ground in planes.items():
-            found = alternative(tracks, ground, self._gate, truth)
+        (tracks, height), (truth, z) = (sample_of(each) for each in self._sources())
+        planes = {"": (tracks, truth)}
+        if (ground := _y_up(truth, z)) is not None:
+            planes = {"x and z of the truth for its x and y (y up)": (tracks, ground)} | planes
+        if (ground := _y_up(tracks, height)) is not None:
+            planes = {"x and z of the tracks for their x and y (y up)": (ground, truth)} | planes
+        for words, (ours, theirs) in planes.items():
+            found = alternative(ours, theirs, self._gate, (tracks, truth))
             if found is None:
                 continue
             best, now, gate = found

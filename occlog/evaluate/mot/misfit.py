@@ -31,6 +31,8 @@ MAX_FRAMES = 200
 """Frames, evenly spread, in which boxes are compared."""
 MAX_SHIFT = 300
 """Largest shift of frame numbers that is tried."""
+REFLECTION_CELL_PX = 4.0
+"""Size of the cells of the search for the size of images that are mirrored."""
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
 
@@ -122,10 +124,28 @@ def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, S
         if shift:
             moved = changed._replace(frame=changed.frame + shift)
             yield " and ".join([*([words] if words else []), f"frame numbers {shift:+d}"]), moved
+    for axis, words in enumerate(("images mirrored", "y counted from below")):
+        yield words, _reflected(tracks, truth, axis)
+
+
+def _reflected(tracks: SampledBoxes, truth: SampledBoxes, axis: int) -> SampledBoxes:
+    """Return the tracks with boxes reflected along an axis (0: x, 1: y), about the middle that fits the truth best.
+
+    By a Hough transform: the sum of a true edge and of the opposite edge of a box of the tracks in the same frame is
+    the size of the image for boxes of one target; the most frequent one counts.
+    """
+    ltwh = tracks.ltwh.copy()
+    far = ltwh[:, axis] + ltwh[:, axis + 2]
+    theirs = dict(rows_by_label(truth.key))
+    sums = [truth.ltwh[theirs[key], axis] + far[row] for row, key in enumerate(tracks.key.tolist()) if key in theirs]
+    if sums:
+        cells, counts = np.unique((np.concatenate(sums) / REFLECTION_CELL_PX).round(), return_counts=True)
+        ltwh[:, axis] = REFLECTION_CELL_PX * cells[counts.argmax()] - far
+    return tracks._replace(ltwh=ltwh)
 
 
 def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
-    """Generate other meanings of a box's four numbers (scaled, corners, centre), each with a description.
+    """Generate other meanings of a box's four numbers (scaled, corners, centre, order), each with a description.
 
     With it comes a function from (n, 4) numbers to left, top, width and height; the first one is the identity.
     """
@@ -140,6 +160,8 @@ def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
         "the centre for the left upper corner",
         lambda ltwh: np.column_stack([ltwh[:, :2] - 0.5 * ltwh[:, 2:], ltwh[:, 2:]]),
     )
+    yield "x and y exchanged", lambda ltwh: ltwh[:, [1, 0, 3, 2]]
+    yield "width and height exchanged", lambda ltwh: ltwh[:, [0, 1, 3, 2]]
 
 
 def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.console.notes import begin_work
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
@@ -174,13 +174,17 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
     if not skipped.any():
         return ()
     kinds = Counter(marks.kind[skipped].tolist())
-    classes = ", ".join(f"class {kind}: {count}" for kind, count in sorted(kinds.items()))
+    why = {PEDESTRIAN: f"class {PEDESTRIAN}, with 0 in column 7"}
+    classes = ", ".join(f"{why.get(kind, f'class {kind}')}: {count}" for kind, count in sorted(kinds.items()))
     how = f"{option('benchmark')} mot15"
     statement = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
     if skipped.all():
+        other = min((kind for kind in kinds if kind != PEDESTRIAN), default=None)
+        remedy = "write 1 there to count them"
+        if other is not None:
+            remedy = f"if class {other} means people, count them with {how}"
         raise InputError(
-            f"{path}: all {len(skipped)} true boxes are skipped by the rules of {rule} ({classes}); if class "
-            f"{min(kinds)} means people, count them with {how}"
+            f"{path}: all {len(skipped)} true boxes are skipped by the rules of {rule} ({classes}); {remedy}"
         )
     return (f"{path}: {statement}; {how} counts all boxes",)
 
@@ -315,7 +319,7 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
     names = list(config.cameras) or np.unique(boxes.sensor).tolist()
     if len(names) != 1:
         raise UsageError(
-            f"{path}: has cameras {', '.join(names)}; state with {option('camera')} NAME which one the text is of",
+            f"{path}: has cameras {abridged(names)}; state with {option('camera')} NAME which one the text is of",
             id="ambiguous-input",
         )
     return str(names[0])

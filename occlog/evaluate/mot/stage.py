@@ -23,7 +23,7 @@ from occlog.core.metrics.mot.failure_rates import NO_TARGET
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.mot.hota import IdentityCounts
 from occlog.core.numerics.assignment import maximum_weight_matching
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.evaluate.results import Evaluation
 from occlog.records.declared.views import Failures
 from occlog.records.tables import Boxes, TruthBoxes
@@ -421,8 +421,8 @@ class _Side:
         """
         if missing := [name for name in config.cameras if name not in self.cameras]:
             raise InputError(
-                f"{what}: no rows of camera {', '.join(missing)}; choose with {option('camera')}: "
-                f"{', '.join(sorted(self.cameras)) or 'none'}",
+                f"{what}: no rows of camera {abridged(missing)}; choose with {option('camera')}: "
+                f"{abridged(sorted(self.cameras))}",
                 id="unknown-sensor",
             )
         if what == "truth" and config.frames is not None and self.frames is not None and not self.rows:

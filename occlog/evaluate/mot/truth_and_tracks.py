@@ -21,7 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import intersection_over_union
 from occlog.core.metrics.mot.frame_pairs import EPS, Objects
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.texts.formats import Probe, recognise
 from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate
@@ -137,7 +137,7 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
     both = tuple(name for name in true if name in ours)
     if not both:
         raise InputError(
-            f"tracks: their cameras ({', '.join(tracked)}) are none of the truth ({', '.join(true)}); use the same "
+            f"tracks: their cameras ({abridged(tracked)}) are none of the truth ({abridged(true)}); use the same "
             "names in both",
             id="disjoint-inputs",
         )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.formats.boxes.mot_challenge import WrittenSequence
 from occlog.records.declared.views import ViewTracks, boxes_of_ellipses
 from occlog.records.scene import Scene
@@ -91,13 +91,11 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
-            f"a text of boxes holds one camera, and there are {', '.join(cameras)}; choose one ({option('camera')})",
+            f"a text of boxes holds one camera, and there are {abridged(cameras)}; choose one ({option('camera')})",
             id="ambiguous-input",
         )
     if camera is not None and camera not in cameras:
-        raise InputError(
-            f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}", id="unknown-sensor"
-        )
+        raise InputError(f"no boxes of camera {camera!r}; there are: {abridged(cameras)}", id="unknown-sensor")
     return camera if camera is not None else next(iter(cameras), None)
 
 

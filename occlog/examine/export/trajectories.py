@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import quantiles
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.external.names import POWERS, ending
 from occlog.io.files.geodetic import Origin, degrees_of
 from occlog.io.files.spill import Spool
@@ -61,9 +61,7 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
     known = sorted({identity for part in chunks for identity in np.unique(part.target_id[_used(part)]).tolist()})
     for target in targets:
         if target not in known:
-            raise InputError(
-                f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}", id="unknown-name"
-            )
+            raise InputError(f"no target {target}; there are: {abridged(known)}", id="unknown-name")
     if not known:
         raise InputError("there are no rows to write", id="empty-input")
     return sorted(set(targets)) or known

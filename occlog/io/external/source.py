@@ -19,7 +19,7 @@ from urllib.parse import unquote
 
 import pyarrow as pa
 
-from occlog.errors import InputError
+from occlog.errors import InputError, abridged
 from occlog.io.files.geodetic import begin_positions
 from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, UTF16_MARKS, check_declared_size, check_input
 from occlog.io.files.names import utf8_name
@@ -348,7 +348,7 @@ def _find_parts(folder: Path) -> ColumnSource | None:
         if first is not None and set(names) != set(first):
             others = sorted(set(names) ^ set(first))
             raise InputError(
-                f"{part}: columns {', '.join(others[:5])} are in this file or in {parts[0].name}, but not in both; "
+                f"{part}: columns {abridged(others[:5])} are in this file or in {parts[0].name}, but not in both; "
                 "write the same columns in all files",
                 id="incompatible-inputs",
             )

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
 from occlog.io.formats.calibration.readers.ros import lens_of, region_of
@@ -466,7 +466,7 @@ class MessageBoxRows:
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
             raise InputError(
-                f"boxes of classes {', '.join(map(repr, self.labels))}; choose one ({option('class')} NAME)",
+                f"boxes of classes {abridged(map(repr, self.labels))}; choose one ({option('class')} NAME)",
                 id="ambiguous-input",
             )
         frame, self.frames = self.frames, self.frames + 1

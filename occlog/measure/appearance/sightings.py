@@ -18,7 +18,7 @@ from occlog.array_types import NS, Bools, Bytes, Floats, Ints, Ints32
 from occlog.core.image import bins_of, colour_counts, density
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.io.files.timing.utc import time_words
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
@@ -390,7 +390,7 @@ def observe_boxes(
     for each in boxes:
         if each.sensor not in cameras:
             raise InputError(
-                f"boxes: no camera {each.sensor!r} in the scene, which has {', '.join(cameras)}; give its scene "
+                f"boxes: no camera {each.sensor!r} in the scene, which has {abridged(cameras)}; give its scene "
                 f"({option('scene')})",
                 id="unknown-sensor",
             )

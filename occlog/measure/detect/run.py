@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.limits import ROS_BAG, check_input
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.open import check_unit, load_scene, open_input
@@ -213,7 +213,7 @@ def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
     for name in request.cameras:
         if name not in known:
             raise UsageError(
-                f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}", id="unknown-sensor"
+                f"{request.recording}: no camera {name!r}; there are {abridged(known)}", id="unknown-sensor"
             )
     return request.cameras
 
@@ -391,7 +391,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
     if unknown := [name for name in sensors if name not in known]:
         raise InputError(
             f"{request.recording}: images of camera {unknown[0]!r}, which is not in the scene "
-            f"({', '.join(known) or 'no camera'}); give the scene with it ({option('scene')})",
+            f"({abridged(known)}); give the scene with it ({option('scene')})",
             id="unknown-sensor",
         )
     if "bearings" in request.files(output=True) and not any(scene.camera(name).placed for name in sensors):

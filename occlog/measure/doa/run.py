@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.names import match_sensor
 from occlog.io.files.timing.frame_times import to_world_time
@@ -162,7 +162,7 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
     for label, path in plan.sounds:
         if label is None and len(names) > 1:
             raise UsageError(
-                f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})",
+                f"{path}: does not name its array; give ARRAY={path.name} (arrays: {abridged(names)})",
                 id="camera-not-named",
             )
         name = names[0] if label is None else match_sensor(label, names, str(path), what="array")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.errors import InputError
+from occlog.errors import InputError, abridged
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar, read_epipolar
 from occlog.io.recording.reader import McapRecording
 from occlog.records.scene import Scene
@@ -76,7 +76,7 @@ def _check_pairs(pairs: ViewPairs, views: Sequence[TrackedView], file: Path) -> 
     others = [f"{p.a}-{p.b}" for p in pairs.pairs if p.a not in names or p.b not in names]
     if len(others) == len(pairs.pairs):
         raise InputError(
-            f"{file}: none of its pairs ({', '.join(others)}) is of two of the views used ({', '.join(names)}); "
+            f"{file}: none of its pairs ({abridged(others)}) is of two of the views used ({abridged(names)}); "
             "give matrices of these views, or none",
             id="disjoint-inputs",
         )

@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, did_you_mean
 from occlog.io.files.timing.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.kernels import LocalDirections
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Views
-from occlog.scans.grouping import nearest
 
 from .config import FuseConfig
 from .object_decision import Decision, ObjectMemory, decide, fuse_candidates
@@ -114,7 +113,7 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
         for name in names.tolist():
             if name not in known:
                 raise InputError(
-                    f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}",
+                    f"bearings: no sensor {name!r} in the scene; {did_you_mean(name, tuple(sorted(known)), 'it has')}",
                     id="unknown-sensor",
                 )
         camera_of = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.geometry.triangulate import SourceDirections, distance2, localise
 from occlog.core.numerics.assignment import assign
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, abridged
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
 from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene
@@ -112,9 +112,7 @@ def _directions(rows: Doa, scene: Scene) -> SourceDirections:
     index_of = {a.name: i for i, a in enumerate(scene.arrays)}
     for name in np.unique(rows.sensor).tolist():
         if name not in index_of:
-            raise InputError(
-                f"doa: the scene has no array {name!r}; it has: {', '.join(index_of)}", id="unknown-sensor"
-            )
+            raise InputError(f"doa: the scene has no array {name!r}; it has: {abridged(index_of)}", id="unknown-sensor")
     array = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     positions = np.array([a.position[:2] for a in scene.arrays])
     sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)

@@ -13,7 +13,7 @@ import shapely
 
 from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
-from occlog.errors import InputError
+from occlog.errors import InputError, abridged
 from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene, map_origin, scene_from
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
@@ -183,7 +183,7 @@ def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterat
         for name in np.unique(chunk.sensor).tolist():
             if name not in names and name not in arrays:
                 raise InputError(
-                    f"{chunk.NAME}: no camera {name!r} in the scene; it has: {', '.join(names) or 'none'}",
+                    f"{chunk.NAME}: no camera {name!r} in the scene; it has: {abridged(names)}",
                     id="unknown-sensor",
                 )
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:

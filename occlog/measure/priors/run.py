@@ -9,14 +9,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.io.open import check_unit, input_losses, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Doa, Occluders, Tracks, Truth, Views
 from occlog.runner import Job
-from occlog.scans.grouping import nearest
 from occlog.settings import configure
 
 from .config import AcousticConfig, HullConfig, PositionPriorConfig
@@ -148,7 +147,9 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
     names = tuple(c.name for c in scene.cameras)
     for name in (*request.cameras, *request.without):
         if name not in names:
-            raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor")
+            raise UsageError(
+                f"no camera {name!r} in the scene; {did_you_mean(name, names, 'it has')}", id="unknown-sensor"
+            )
     placed = [c.name for c in scene.cameras if c.placed and c.name not in request.without]
     used = [name for name in placed if not request.cameras or name in request.cameras]
     if len(used) < 2:

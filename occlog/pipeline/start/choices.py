@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.console.text import counted
 from occlog.core.geometry.camera import is_upright, looks_away, other_up_axis
-from occlog.errors import InputError, OcclogError
+from occlog.errors import InputError, OcclogError, abridged
 from occlog.ingest.plan import ANNOTATIONS, IMAGES
 from occlog.ingest.scene import Turn
 from occlog.io.files.names import match_sensor
@@ -544,7 +544,7 @@ def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence
         return {names[0]: known[0]}
     if lost == list(names) and not scene:
         raise InputError(
-            f"cameras {', '.join(names)} are none of the calibration's ({', '.join(known)}); name each: "
+            f"cameras {abridged(names)} are none of the calibration's ({abridged(known)}); name each: "
             f"--as '{_path_of(made, names[0])}:{known[0]}'",
             id="unknown-sensor",
         )
@@ -923,7 +923,7 @@ def _of_sound(made: Choices) -> None:
         name = _same(item.name, names) or (names[0] if len(names) == len(sounds) == 1 else None)
         if name is None:
             raise InputError(
-                f"{item.path}: sound of which array? ({', '.join(names)}): --as '{made.shown(item.path)}=sound:NAME'",
+                f"{item.path}: sound of which array? ({abridged(names)}): --as '{made.shown(item.path)}=sound:NAME'",
                 id="camera-not-named",
             )
         own.append(f"{name}={item.path}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.formats.models.motion_models import model_losses
 from occlog.io.frames.codec import encode_image
@@ -143,7 +143,7 @@ def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
     for name in asked:
         if name not in recording.cameras:
             raise InputError(
-                f"{recording.path}: no video of camera {name!r}; it has: {', '.join(recording.cameras)}",
+                f"{recording.path}: no video of camera {name!r}; it has: {abridged(recording.cameras)}",
                 id="unknown-sensor",
             )
     return list(dict.fromkeys(asked)) or list(recording.cameras)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from occlog.array_types import NS
-from occlog.errors import UsageError, option
+from occlog.errors import UsageError, abridged, option
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.scans.distance_measurements import DistanceMeasurementFeed
@@ -71,7 +71,7 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
     if started and others:
         raise UsageError(
             f"{option('start')} is the position of one target, but there is target {target} in "
-            f"addition to {', '.join(str(k) for k in sorted(others))}; choose one target, e.g. "
+            f"addition to {abridged(sorted(others))}; choose one target, e.g. "
             f"{option('target')} {target}",
             id="ambiguous-input",
         )

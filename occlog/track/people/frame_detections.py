@@ -12,11 +12,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
-from occlog.errors import InputError
+from occlog.errors import InputError, did_you_mean
 from occlog.records.columns import ColumnTable, column
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Boxes, Positions, Views
-from occlog.scans.grouping import nearest
 from occlog.track.methods.jipda.interface import FrameDetections
 
 DUPLICATE_IOU = 0.9
@@ -305,7 +304,7 @@ def frame_detections(
         names, code = np.unique(part.sensor, return_inverse=True)
         if unknown := [name for name in names.tolist() if name not in known]:
             raise InputError(
-                f"boxes: no camera {unknown[0]!r} in the scene; {nearest(unknown[0], tuple(known))}",
+                f"boxes: no camera {unknown[0]!r} in the scene; {did_you_mean(unknown[0], tuple(known), 'it has')}",
                 id="unknown-sensor",
             )
         numbers = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[code.reshape(-1)]

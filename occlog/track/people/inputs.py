@@ -6,7 +6,8 @@ impossible calibrations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -15,14 +16,13 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
-from occlog.records.scene import Camera, Scene
+from occlog.records.scene import Camera, Scene, other_angle_readings
 from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
 from occlog.scans.clocks import ClockCorrection, applied_clocks, clock_changes, clocks_of, with_applied_clocks
-from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
@@ -53,6 +53,9 @@ WRONG_UNIT_HEIGHT_RATIO = 2.5
 """Maximum ratio of the heights of people to the stated height; beyond it the unit of the scene is wrong."""
 
 
+MISREAD_HEIGHT_RATIO = 1.25
+"""Maximum ratio of the heights of people to the stated height, if boxes or angles that are read in another way are
+named as the cause."""
 IMPOSSIBLE_HEIGHT_RATIO = 10.0
 """Maximum ratio of any height to the usual height of people, including children and tall machines."""
 
@@ -61,6 +64,27 @@ def median_height(heights: Floats) -> float:
     """Return the median of the person heights (C,) over the cameras with an estimate; NaN if none has."""
     finite = heights[np.isfinite(heights)]
     return float(np.median(finite)) if len(finite) else float("nan")
+
+
+def height_readings(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Iterator[tuple[str, float]]:
+    """Generate the median height of people if boxes or angles of all cameras are read in another way, in words.
+
+    Args:
+        boxes: (n, 4) left, top, right and bottom edges of each camera [px].
+        cameras: as the scene states them.
+    """
+    sizes = [own[:, 2:] - own[:, :2] for own in boxes]
+    across, down = np.median(np.concatenate(sizes), axis=0)
+    if across > down:  # as of people on whom the axes are exchanged
+        exchanged = [own[:, [1, 0, 3, 2]] for own in boxes]
+        yield "boxes have y, x in place of x, y", median_height(person_heights(exchanged, cameras))
+        swapped = [np.hstack([own[:, :2], own[:, :2] + size[:, ::-1]]) for own, size in zip(boxes, sizes, strict=True)]
+        yield "widths and heights of boxes are exchanged", median_height(person_heights(swapped, cameras))
+    by_camera = [dict(other_angle_readings(camera.rotation)) for camera in cameras]
+    for words in by_camera[0] if by_camera else ():
+        if all(words in each for each in by_camera):
+            turned = [replace(c, rotation=each[words]) for c, each in zip(cameras, by_camera, strict=True)]
+            yield words, median_height(person_heights(boxes, turned))
 
 
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
@@ -152,8 +176,9 @@ class PeopleInput:
         for each in first:
             if each.detections.camera < len(boxes):
                 boxes[each.detections.camera].append(each.detections.boxes)
-        self.heights = person_heights([np.concatenate(own) for own in boxes], self.cameras)
-        self.metre, self.config = self._config(any(len(each.detections.boxes) for each in first))
+        by_camera = [np.concatenate(own) for own in boxes]
+        self.heights = person_heights(by_camera, self.cameras)
+        self.metre, self.config = self._config(any(len(each.detections.boxes) for each in first), by_camera)
         scores = np.concatenate([np.zeros(0), *(each.detections.score for each in first)])
         regions = len(scores) > 0 and bool(np.isnan(scores).all()) and self.opened.has(Views)
         self.regions_smoothed = regions and self.config.smoothed
@@ -284,7 +309,9 @@ class PeopleInput:
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
+                raise UsageError(
+                    f"no camera {name!r} in the scene; {did_you_mean(name, known, 'it has')}", id="unknown-sensor"
+                )
         return [
             c
             for c in self.scene.cameras
@@ -356,13 +383,14 @@ class PeopleInput:
         if last is not None:
             yield from _by_array(last, index_of)
 
-    def _config(self, any_boxes: bool) -> tuple[float, JipdaConfig]:
+    def _config(self, any_boxes: bool, boxes: Sequence[Floats]) -> tuple[float, JipdaConfig]:
         """Return the length of a metre in the scene's unit, and the tracker's settings in this unit.
 
         If the scene states no unit, the metre follows from the setting `person_height` or from the boxes.
 
         Args:
             any_boxes: there is a box in the first frames.
+            boxes: (n, 4) left, top, right and bottom edges in the first frames of each camera [px].
 
         Raises:
             InputError: the height of people is impossible in the scene's unit, or the unit cannot be determined.
@@ -389,10 +417,19 @@ class PeopleInput:
             if np.isfinite(share) and not 1.0 / WRONG_UNIT_HEIGHT_RATIO < share < WRONG_UNIT_HEIGHT_RATIO:
                 if 1.0 / IMPOSSIBLE_HEIGHT_RATIO < tall / defaults.person_height < IMPOSSIBLE_HEIGHT_RATIO:
                     remedy += f", or else how tall people are (setting person_height, {tall:.3g})"
+                # The reading with which people are nearest to the stated height, if any is near to it
+                readings = {words: other for words, other in height_readings(boxes, self.cameras) if np.isfinite(other)}
+                misfit = {words: abs(math.log(other / config.person_height)) for words, other in readings.items()}
+                change = min(misfit, key=misfit.__getitem__, default="")
+                if change and misfit[change] < math.log(MISREAD_HEIGHT_RATIO):
+                    raise InputError(
+                        f"{self.request.bearings}: the boxes imply that people are {tall:.3g} {unit} tall, but "
+                        f"{readings[change]:.3g} {unit} if {change}; correct the scene or the boxes",
+                        id="unit-mismatch",
+                    )
                 raise InputError(
                     f"{self.request.bearings}: the boxes imply that people are {tall:.3g} {unit} tall, so the "
-                    "lengths of the "
-                    f"scene are not in {unit}, or its camera positions are wrong; {remedy}",
+                    f"lengths of the scene are not in {unit}, or camera positions or boxes are wrong; {remedy}",
                     id="unit-mismatch",
                 )
             return 1.0 / METRES[unit], config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.open import open_input
 from occlog.plugins.interface import ViewTracker
 from occlog.plugins.loading import Chosen, Plugin
@@ -65,7 +65,7 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
         for name in (*request.cameras, *request.without):
             if name not in seen:
                 raise UsageError(
-                    f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}",
+                    f"no camera {name!r} in {request.bearings}; there are {abridged(sorted(seen))}",
                     id="unknown-sensor",
                 )
         if not trackers.cameras:

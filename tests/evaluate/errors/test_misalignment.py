@@ -233,18 +233,26 @@ def test_a_turned_and_moved_world_is_found() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_truth_with_y_up_is_named(sign: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("of", ["truth", "tracks"])
+def test_y_up_is_named(of: str, sign: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     true = positions(2)
-    tracks, truth = ["time,id,x,y"], ["time,id,x,y,z"]
+    ground, y_up = ["time,id,x,y"], ["time,id,x,y,z"]
     for n, (t, (x, y)) in enumerate(zip(true.t, true.xy, strict=True)):
-        tracks.append(f"{t:.1f},{n % 4},{x:.3f},{y:.3f}")
-        truth.append(f"{t:.1f},{n % 4},{x:.3f},0.9,{sign * y:.3f}")
-    for name, lines in (("tracks.csv", tracks), ("truth.csv", truth)):
-        (tmp_path / name).write_text("\n".join(lines) + "\n")
+        ground.append(f"{t:.1f},{n % 4},{x:.3f},{y:.3f}")
+        y_up.append(f"{t:.1f},{n % 4},{x:.3f},0.9,{sign * y:.3f}")
+    for name, lines in ((of, y_up), ({"truth": "tracks", "tracks": "truth"}[of], ground)):
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
     assert run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"]) == 0
     (found,) = json.loads(capsys.readouterr().out)["warnings"]
     assert found["id"] == "axes-differ"
-    assert "x and z of the truth" in found["message"]
+    assert f"x and z of the {of}" in found["message"]
+
+
+def test_frame_numbers_in_place_of_times_are_named() -> None:
+    truth = positions(2)
+    found = alternative(PositionSamples(25.0 * (truth.t - truth.t[0]), truth.xy), truth, 1.0)
+    assert found is not None
+    assert (found[0].id, found[0].change) == ("frame-rate-differs", "times multiplied by 0.04 from the first one on")
 
 
 @pytest.mark.parametrize("seed", range(6))

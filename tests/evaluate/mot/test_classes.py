@@ -145,6 +145,12 @@ def test_boxes_that_do_not_count_are_stated_by_class(capsys: pytest.CaptureFixtu
     assert "--benchmark mot15 counts all boxes" in stderr
 
 
+def test_a_truth_with_zeros_in_column_7_alone_is_refused_with_what_to_write(capsys: pytest.CaptureFixture[str]) -> None:
+    message = error(capsys, [f"1,1,{BOX},0,1,1.0", f"2,1,{BOX},0,1,1.0"])
+    assert "(class 1, with 0 in column 7: 2)" in message
+    assert "write 1 there to count them" in message
+
+
 def test_a_truth_in_which_no_box_counts_is_refused_with_its_class(capsys: pytest.CaptureFixture[str]) -> None:
     message = error(capsys, [f"1,1,{BOX},1,2,1.0", f"2,1,{BOX},1,2,1.0"])
     assert "all 2 true boxes are skipped by the rules of mot17 (class 2: 2)" in message

@@ -53,9 +53,24 @@ def centres(tracks: np.ndarray) -> np.ndarray:
     return np.column_stack([tracks[:, :2], tracks[:, 2:4] + 0.5 * tracks[:, 4:], tracks[:, 4:]])
 
 
+def exchanged(tracks: np.ndarray) -> np.ndarray:
+    return tracks[:, [0, 1, 3, 2, 5, 4]]
+
+
+def mirrored(tracks: np.ndarray) -> np.ndarray:
+    return np.column_stack([tracks[:, :2], 1920.0 - tracks[:, 2] - tracks[:, 4], tracks[:, 3:]])
+
+
+def from_below(tracks: np.ndarray) -> np.ndarray:
+    return np.column_stack([tracks[:, :3], 1080.0 - tracks[:, 3] - tracks[:, 5], tracks[:, 4:]])
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        (exchanged, "x and y exchanged"),
+        (mirrored, "images mirrored"),
+        (from_below, "y counted from below"),
         (scaled, "boxes multiplied by 1.5 (images of another size)"),
         (shifted, "frame numbers +30"),
         (corners, "right and lower edges for width and height (xyxy for xywh)"),

@@ -127,7 +127,7 @@ def people_in_shares(columns: str, people: int = 40) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    "columns", ["pxywh", "ltrbp", "ltrb", "ltwhp", "ltwh", "pltrb", "pltwh", "whxyp", "xyhwp", "xwyhp"]
+    "columns", ["pxywh", "ltrbp", "ltrb", "tlbrp", "tlbr", "ltwhp", "ltwh", "pltrb", "pltwh", "whxyp", "xyhwp", "xwyhp"]
 )
 def test_yolo_text_with_columns_in_another_order_is_refused(tmp_path: Path, columns: str) -> None:
     with pytest.raises(InputError) as error:

@@ -12,10 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode, InputError
+from occlog.errors import ExitCode, InputError, did_you_mean
 from occlog.io.open import open_input
 from occlog.records.tables import Bearings, Boxes, Doa, Truth
-from occlog.scans.grouping import nearest
 
 
 def text(path: Path, *lines: str) -> Path:
@@ -73,7 +72,7 @@ def test_a_decimal_comma_is_named(tmp_path: Path) -> None:
 
 
 def test_a_name_in_other_letters_is_the_nearest() -> None:
-    assert nearest("EAST", ("west", "east")) == "did you mean 'east'?"
+    assert did_you_mean("EAST", ("west", "east")) == "did you mean 'east'?"
 
 
 def test_times_in_milliseconds_that_are_taken_for_seconds_are_doubted(tmp_path: Path, capsys: Any) -> None:

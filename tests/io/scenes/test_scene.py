@@ -98,6 +98,7 @@ def test_written_scenes_mean_the_same() -> None:
     [
         ("yaw_deg: 45,", "yaw_dge: 45,", "line 7: unknown key 'yaw_dge' in cameras[0]; did you mean 'yaw_deg'?"),
         ("yaw_deg: 45,", "yaw_deg: 45, yaw: 1,", "camera a: both yaw and yaw_deg are given; keep one"),
+        ("yaw_deg: 45,", "yaw: 45,", "camera a: yaw is 45, more than a turn in radians; if it is in degrees"),
         ("yaw_deg: 45,", "", "camera a: has a position but no yaw_deg; add it"),
         ("position: [0, 0],", "", "camera a: has angles but no position"),
         ("position: [0, 0],", "position: abc,", "line 7: cameras[0].position: expected `array | null`"),

@@ -181,7 +181,34 @@ def shares_of_squares(boxes: np.ndarray) -> np.ndarray:
     return (boxes + np.array([0, 280, 0, 280])) * [1.0, 720 / 1280, 1.0, 720 / 1280]
 
 
+def rows_for_columns(boxes: np.ndarray) -> np.ndarray:
+    return boxes[:, [1, 0, 3, 2]]
+
+
+def share_rows_for_columns(boxes: np.ndarray) -> np.ndarray:
+    return rows_for_columns(boxes) * np.tile([SIZE[0] / SIZE[1], SIZE[1] / SIZE[0]], 2)
+
+
+def height_for_width(boxes: np.ndarray) -> np.ndarray:
+    return np.hstack([boxes[:, :2], boxes[:, :2] + (boxes[:, 2:] - boxes[:, :2])[:, ::-1]])
+
+
+def rotated_clockwise(boxes: np.ndarray) -> np.ndarray:
+    left, top, right, bottom = boxes.T
+    return np.column_stack([SIZE[1] - bottom, left, SIZE[1] - top, right])
+
+
+def rotated_anticlockwise(boxes: np.ndarray) -> np.ndarray:
+    left, top, right, bottom = boxes.T
+    return np.column_stack([top, SIZE[0] - right, bottom, SIZE[0] - left])
+
+
 FORMS = [
+    (rows_for_columns, "y, x in place of x, y"),
+    (share_rows_for_columns, "y, x in place of x, y (as shares)"),
+    (height_for_width, "of exchanged widths and heights"),
+    (rotated_clockwise, "of images rotated by 90 degrees clockwise"),
+    (rotated_anticlockwise, "of images rotated by 90 degrees anticlockwise"),
     (corners_for_sizes, "left, top, right, bottom (xyxy), read as left, top, width, height"),
     (centres_for_corners, "centres and sizes, read as left, top, width, height"),
     (corners_for_centres, "left, top, right, bottom (xyxy), read as centres and sizes"),

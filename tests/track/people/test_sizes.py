@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from people_boxes import HEIGHT, boxes, camera, hall
 
+from occlog.core.geometry.camera import angles_from_rotation
+from occlog.records.scene import camera_rotation
 from occlog.settings import LENGTH_POWER, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.people.camera_checks.pair_overlap import person_heights
 from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
-from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height
+from occlog.track.people.inputs import height_readings, in_units_of, inconsistent_cameras, median_height
 
 
 def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:
@@ -43,6 +47,31 @@ def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
     assert list(odd) == [0]
     assert odd[0] > 1.6 * HEIGHT
     assert inconsistent_cameras(heights(frames, cameras)) == {}
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("columns", "boxes have y, x in place of x, y"),
+        ("pitch", "pitch_deg is in radians"),
+        ("sense", "pitch is positive downwards"),
+    ],
+)
+def test_readings_with_which_people_have_their_height_are_named(how: str, words: str) -> None:
+    frames, cameras = some()
+    own = [[each.detections.boxes for each in frames if each.detections.camera == c] for c in range(len(cameras))]
+    boxes = [np.concatenate(each) for each in own]
+    if how == "columns":
+        boxes = [each[:, [1, 0, 3, 2]] for each in boxes]
+    else:
+        turned = []
+        for each in cameras:
+            yaw, pitch, roll = angles_from_rotation(each.rotation)
+            read = np.radians(pitch) if how == "pitch" else -pitch
+            turned.append(replace(each, rotation=camera_rotation(yaw, float(read), roll)))
+        cameras = tuple(turned)
+    found = dict(height_readings(boxes, cameras))
+    assert abs(found[words] / HEIGHT - 1.0) < 0.1
 
 
 def test_lengths_are_put_in_units_of_the_scene() -> None:

@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from occlog.array_types import Strings
-from occlog.errors import InputError, nearest
+from occlog.errors import InputError, abridged, nearest
 from occlog.io.files.limits import check_texts
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.records.columns import ANY_WIDTH, Column, ColumnTable, in_length_unit
@@ -254,7 +254,7 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
             if c.optional:  # a file of an older version
                 continue
             raise InputError(
-                f"{path}: column {c.name} of {table.NAME} is missing; the file has {', '.join(schema.names)}",
+                f"{path}: column {c.name} of {table.NAME} is missing; the file has {abridged(schema.names)}",
                 id="missing-column",
             )
         have, kind = schema.field(c.name).type, _ARROW[c.kind]

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.console.notes import note_once
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.io.files.timing.utc import time_words
 from occlog.records.columns import MAX_NS
 
@@ -391,7 +391,7 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
         raise InputError(
-            f"{rows.path}: column camera has {str(given[0])!r}, but none of {', '.join(cameras)}; use these names",
+            f"{rows.path}: column camera has {str(given[0])!r}, but none of {abridged(cameras)}; use these names",
             id="missing-column",
         )
     return out

@@ -58,8 +58,8 @@ LIST, LISTED = "bbox", ("left", "top", "width", "height")
 """One column with four numbers in each cell, as in COCO."""
 EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 """Edges in such a column, and our names of them."""
-SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
-"""Centre and size in shares of the image's width and height, where a file has these."""
+SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "x (share)", "y (share)", "width (share)", "height (share)"
+"""Centre and size in shares of the image's width and height, where a file has these; messages show these names."""
 SIZE_SLACK_PX = 1.5
 """Tolerance between the stated size and the edges of a box [px]: programs treat the last pixel differently."""
 
@@ -93,7 +93,7 @@ class BoxSource(NamedTuple):
     """Content of a file or folder of boxes.
 
     Attributes:
-        chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `share_x`, ...
+        chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `SHARE_X`, ...
         kind: the format, in words.
         listed: numbers of the frames that the file names, also those without a box, by label of the camera ("" if the
             user stated the camera); empty: it names only frames with boxes.

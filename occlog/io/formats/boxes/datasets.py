@@ -287,12 +287,14 @@ share in another order that is stated, and how far a box may end beyond the imag
 CENTRE = ("x", "y", "width", "height")
 ORDERS = (
     ("left", "top", "right", "bottom"),
+    ("top", "left", "bottom", "right"),
     ("confidence", *CENTRE),
     ("left", "top", "width", "height"),
     ("confidence", "left", "top", "right", "bottom"),
     ("confidence", "left", "top", "width", "height"),
     ("width", "height", "x", "y"),
     ("x", "y", "height", "width"),
+    ("y", "x", "height", "width"),
     ("x", "width", "y", "height"),
 )
 """Other orders of the columns after the class, the usual ones first."""
@@ -424,6 +426,9 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
 def _check_order(folder: Path, lines: list[Line]) -> None:
     """InputError if boxes are inside the image with another order of YOLO's columns, but not with the usual one.
 
+    Of several such orders the first is named in which most boxes have a larger share of the height than of the width,
+    as people have.
+
     Args:
         folder: for the message.
         lines: all lines of one camera.
@@ -433,23 +438,28 @@ def _check_order(folder: Path, lines: list[Line]) -> None:
         values = np.array([numbers[1 : count + 1] for *_, numbers in lines], dtype=np.float64)
     except ValueError:
         return  # stated with its line where the value is read
-    now = _share_inside(CENTRE, values)
+    now, _ = _share_inside(CENTRE, values)
     if len(values) < MIN_LABELS or now >= INSIDE:
         return
     shares = {order: _share_inside(order, values) for order in ORDERS if len(order) <= count}
-    best = max(shares, key=shares.__getitem__)
-    if shares[best] >= INSIDE_OF_OTHERS:
+    fitting = {order: tall > 0.5 for order, (inside, tall) in shares.items() if inside >= INSIDE_OF_OTHERS}
+    if fitting:
+        best = max(fitting, key=fitting.__getitem__)
         raise InputError(
-            f"{folder}: {now:.0%} of boxes are inside the image, but {shares[best]:.0%} would be if columns were "
+            f"{folder}: {now:.0%} of boxes are inside the image, but {shares[best][0]:.0%} would be if columns were "
             f"class, {', '.join(best)}; write class, {', '.join(CENTRE)}, confidence",
             id="unsupported-format",
         )
 
 
-def _share_inside(order: Sequence[str], values: Floats) -> float:
-    """Share, 0 to 1, of n boxes that are inside the image if the columns of `values` (n, K) mean `order`.
+def _share_inside(order: Sequence[str], values: Floats) -> tuple[float, float]:
+    """Shares, 0 to 1, of n boxes that are inside the image, and that are tall, if columns of `values` mean `order`.
 
-    Coordinates are in shares of the image size, and not checked yet: infinity and NaN are outside.
+    A box is tall if its share of the image's height is larger than that of the width.
+
+    Args:
+        order: meanings of the first columns.
+        values: (n, K) in shares of the image size, and not checked yet: infinity and NaN are outside.
     """
     column = dict(zip(order, values.T, strict=False))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -462,7 +472,9 @@ def _share_inside(order: Sequence[str], values: Floats) -> float:
             if "right" in column
             else near + np.array([column["width"], column["height"]])
         )
-    return float(((near > -BEYOND) & (far < 1.0 + BEYOND) & (far > near)).all(axis=0).mean())
+        across, down = far - near
+    inside = (near > -BEYOND) & (far < 1.0 + BEYOND) & (far > near)
+    return float(inside.all(axis=0).mean()), float((down > across).mean())
 
 
 def _read(file: Path, frame: int) -> list[Line]:
@@ -565,6 +577,6 @@ def _check_shares(rows: CsvRows) -> None:
             row = int(bad[0])
             raise rows.fail(
                 row,
-                f"{name.removeprefix('share_')} is {values[row]:g}; YOLO text has fractions of the image size, 0 to 1; "
+                f"{name.partition(' ')[0]} is {values[row]:g}; YOLO text has fractions of the image size, 0 to 1; "
                 "write pixels to a CSV (frame,left,top,width,height)",
             )

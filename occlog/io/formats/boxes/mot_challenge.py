@@ -31,7 +31,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.errors import InputError, OutputError, OutputExistsError, option
+from occlog.errors import InputError, OutputError, OutputExistsError, abridged, option
 from occlog.io.files.atomic import folder_beside, translate_write_errors, write_bytes
 from occlog.io.files.texts.csv_rows import CsvRows, read_plain
 from occlog.records.tables import UNLABELLED, Boxes, TruthBoxes
@@ -152,7 +152,7 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
     cameras = np.unique(boxes.sensor).tolist()
     if len(cameras) > 1:
         raise InputError(
-            f"{path}: not written: boxes of {len(cameras)} cameras ({', '.join(cameras)}); MOTChallenge text "
+            f"{path}: not written: boxes of {len(cameras)} cameras ({abridged(cameras)}); MOTChallenge text "
             "holds one camera, write a file for each",
             id="ambiguous-input",
         )

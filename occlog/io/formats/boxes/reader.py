@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
@@ -883,14 +883,14 @@ def _matched(
         return list(labels)
     external_table = [label for label in labels if means_none(label, known)]
     if external_table and not options.others:
-        text = ", ".join(repr(label) for label in external_table)
+        text = abridged(map(repr, external_table))
         one = len(external_table) == 1
         remedy = "use the same names"
         if file.path.is_dir():
             remedy = f"give each folder with its camera (CAMERA={file.path / external_table[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
-            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or give "
+            f"{abridged(known)}; {remedy}, calibrate {'it' if one else 'them'}, or give "
             f"{option('allow_uncalibrated')}",
             id="missing-pose",
         )

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.io.files.names import match_sensor
 from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, FormatColumn, TextFormat, TextPart, read_format
 from occlog.io.open import Opened, open_if_ours
@@ -89,7 +89,7 @@ def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[Giv
             _check_inside(each, *sizes[each.sensor])
     if not found:
         raise InputError(
-            f"{path}: no ellipse of a target in {', '.join(sizes)}; give one for each target and view",
+            f"{path}: no ellipse of a target in {abridged(sizes)}; give one for each target and view",
             id="missing-value",
         )
     return tuple(found)

@@ -38,6 +38,8 @@ from occlog.records.scene import (
     camera_rotation,
 )
 
+MAX_RADIANS = 6.2832
+"""Largest angle, either way, that is taken to be in radians: a turn."""
 MAX_PX = 100_000
 """Width and height of an image at most [px]."""
 MAX_OFFSET_NS = 4 * 10**18
@@ -315,8 +317,24 @@ def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
 
 
 def _angle(radians: float | None, degrees: float | None, key: str, where: str) -> float | None:
+    """Angle [rad] that a scene file states in radians or degrees; None: in neither.
+
+    Args:
+        radians: value of the key `key`.
+        degrees: value of the key with `_deg` appended.
+        key: name of the key, for messages.
+        where: file and object, for messages.
+
+    Raises:
+        InputError: both are given, or the radians are more than a turn.
+    """
     if radians is not None and degrees is not None:
         raise InputError(f"{where}: both {key} and {key}_deg are given; keep one", id="conflicting-values")
+    if radians is not None and abs(radians) > MAX_RADIANS:
+        raise InputError(
+            f"{where}: {key} is {radians:g}, more than a turn in radians; if it is in degrees, name it {key}_deg",
+            id="unit-mismatch",
+        )
     return math.radians(degrees) if degrees is not None else radians
 
 

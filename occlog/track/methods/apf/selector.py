@@ -23,7 +23,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.geometry.visibility import Sensors
 from occlog.core.occlusion.occlusion_probability import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
-from occlog.errors import UsageError, option
+from occlog.errors import UsageError, abridged, option
 from occlog.filtering.likelihood.directions import MeasurementNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
@@ -99,7 +99,7 @@ def network(
         unknown = [n for n in config.camera_order if n not in names]
         if unknown:
             raise UsageError(
-                f"{option('camera_order')}: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}",
+                f"{option('camera_order')}: no camera {unknown[0]!r} in the scene; it has: {abridged(names)}",
                 id="unknown-sensor",
             )
         order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)

@@ -21,6 +21,7 @@ Residuals of an estimate's bearings: which are accepted, and whether residuals a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -137,7 +138,7 @@ def advance(
             its positions are relative to `pending.origin`.
 
     Raises:
-        InputError: numeric overflow, as of variances beyond all bounds.
+        InputError: numeric overflow, as of variances beyond all bounds, or a motion that the method cannot use.
     """
     config = pending.config
     # Gather the record so far, with a state at least every `max_state_gap_s`
@@ -158,9 +159,14 @@ def advance(
             spread = spread + sought.biases.spread(T)
         spread = with_rivals(found.solution.X, spread, sought.rivals)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        numeric = isinstance(error, ArithmeticError | np.linalg.LinAlgError) or re.search(
+            r"\bnans?\b", str(error), re.I
+        )
         raise InputError(
-            f"map: numeric overflow or underflow ({error}); check sigma_px, u_px and sigma of the "
-            "bearings, and the settings of the motion"
+            f"map: numeric overflow or underflow ({error}); check sigma_px, u_px and sigma of the bearings, and the "
+            "settings of the motion"
+            if numeric
+            else f"map: {error}; check the settings of the motion, and the times of the bearings"
         ) from error
     # Give out the states that have seen enough after them
     problem, solution, stuck = found.problem, found.solution, sought.stuck

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, did_you_mean, option
 from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.models.motion_models import PathLossSpec, model_losses, read_path_loss
 from occlog.io.open import input_losses, load_scene, open_input
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene, TagReader
 from occlog.records.tables import Bearings, Reads
-from occlog.scans.grouping import nearest
 from occlog.settings import METRES, configure
 from occlog.track.request import ReadsRequest
 
@@ -186,7 +185,8 @@ class ReadsInput:
             if len(strange):
                 name = str(chunk.sensor[strange[0]])
                 raise InputError(
-                    f"{self.request.bearings}: reader {name!r} is not in the scene; {nearest(name, known)}",
+                    f"{self.request.bearings}: reader {name!r} is not in the scene; "
+                    f"{did_you_mean(name, known, 'it has')}",
                     id="unknown-sensor",
                 )
             kept = np.isin(chunk.sensor, self.names)
@@ -313,7 +313,7 @@ class ReadsInput:
         known = tuple(c.name for c in self.scene.cameras if c.placed)
         if name not in known:
             raise UsageError(
-                f"refine: no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}",
+                f"refine: no camera {name!r} with a pose in the scene; cameras: {abridged(known)}",
                 id="unknown-sensor",
             )
         return self.scene.camera(name)
@@ -343,7 +343,9 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
         )
     for name in (*request.cameras, *request.without):
         if name not in known:
-            raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
+            raise UsageError(
+                f"no reader {name!r} in the scene; {did_you_mean(name, known, 'it has')}", id="unknown-sensor"
+            )
     chosen = tuple(
         r for r in scene.readers if (not request.cameras or r.name in request.cameras) and r.name not in request.without
     )

@@ -66,7 +66,7 @@ MIN_PAIRED = 0.45
 """Least agreement of cameras that are compared by pairs of boxes: in dense crowds many boxes fit another person."""
 SIMPLER = 0.01
 """Mean overlap by which a mistake must be better than one that is tried before it."""
-FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down": (False, True)}
+FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down (y from below)": (False, True)}
 """Mistakes with images: whether x and y are flipped."""
 INVERTED = "inverted (camera-to-world for world-to-camera)"
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
@@ -256,9 +256,11 @@ class _Search:
             searched = self._best(iter(corrections), trusted) is None
             changes = (self._changes(c, trusted, rotations=searched) for c in tried)
             best = self._best(chain(corrections, *changes), trusted)
-            if best is not None:
-                out.append(best)
-                trusted = [c for c in trusted if c not in best.cameras]
+            # A camera that agrees with none, for a reason that is not found, says nothing about the others
+            wrong = best.cameras if best is not None else [c for c in tried if agreement[c] < MIN_FIT]
+            out += [best] if best is not None else []
+            if wrong and (best is not None or len(trusted) - len(wrong) > 1):
+                trusted = [c for c in trusted if c not in wrong]
                 agreement = self._agreement(trusted)
             low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
         return out or self._for_a_while()
@@ -496,6 +498,9 @@ class _Search:
         for scale in SCALES:
             scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
             yield _Change(f"boxes of all cameras are {_multiplied(scale)}", scaled)
+        for words, axes in FLIPS.items():
+            flipped = {c: _flipped(view, axes) for c, view in enumerate(self.views)}
+            yield _Change(f"images of all cameras are {words}", flipped)
         forms = [_other_forms(view) for view in self.views]
         for each in zip(*forms, strict=True):
             views = {c: self.views[c]._replace(boxes=boxes) for c, (_, boxes) in enumerate(each)}
@@ -671,6 +676,19 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
     yield "centres and sizes, read as left, top, width, height", boxes - np.tile(0.5 * size, 2)
     yield "left, top, right, bottom (xyxy), read as centres and sizes", np.hstack([middle, size])
     yield "left, top, width, height, read as centres and sizes", boxes + np.tile(0.5 * size, 2)
+    exchanged, ratio = boxes[:, [1, 0, 3, 2]], view.size / view.size[::-1]
+    yield "y, x in place of x, y", exchanged
+    if ratio[0] != 1.0:
+        yield "y, x in place of x, y (as shares)", exchanged * np.tile(ratio, 2)
+    yield "of exchanged widths and heights", np.hstack([near, near + size[:, ::-1]])
+    yield (
+        "of exchanged widths and heights about their centres",
+        np.hstack([middle - 0.5 * size[:, ::-1], middle + 0.5 * size[:, ::-1]]),
+    )
+    left, top, right, bottom = boxes.T
+    height, width = view.size[::-1]
+    yield "of images rotated by 90 degrees clockwise", np.column_stack([top, height - right, bottom, height - left])
+    yield "of images rotated by 90 degrees anticlockwise", np.column_stack([width - bottom, left, width - top, right])
     side = view.size.max()
     yield (
         "shares of square images with bars (letterbox)",

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, option
+from occlog.errors import InputError, abridged, option
 from occlog.io.files.texts.yaml import yaml_text
 from occlog.records.scene import Camera
 from occlog.records.verdicts import finding
@@ -94,7 +94,7 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
     names = sorted(cameras, key=lambda name: int(name[3:]))
     if names != [f"cam{n}" for n in range(len(names))]:
         raise InputError(
-            f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap", id="unknown-format"
+            f"{path}: has {abridged(names)}; a chain has cam0, cam1, ... without a gap", id="unknown-format"
         )
     if all("T_cn_cnm1" in cameras[name] for name in names[1:]):
         options.notes.append("the world is the frame of cam0: x to its right, y down, z forward")

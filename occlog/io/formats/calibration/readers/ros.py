@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, abridged
 from occlog.io.files.texts.yaml import yaml_documents, yaml_text
 from occlog.records.scene import Camera
 
@@ -110,7 +110,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     roots = {_root(frame, tree, paths[-1]) for frame in tree}
     if len(roots) > 1:
         raise InputError(
-            f"{paths[-1]}: the transforms have several roots: {', '.join(sorted(roots))}; connect them, as the world "
+            f"{paths[-1]}: the transforms have several roots: {abridged(sorted(roots))}; connect them, as the world "
             "must be one frame",
             id="invalid-calibration",
         )
@@ -198,7 +198,7 @@ def _camera(
     if len(names) != 1:
         raise InputError(
             f"{where}: exactly one frame {name}_optical_frame (x right, y down, z forward) is needed, but the "
-            f"transforms are of {', '.join(tree)}; add or rename it",
+            f"transforms are of {abridged(tree)}; add or rename it",
             id="missing-pose",
         )
     rotation, position = np.eye(3), np.zeros(3)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from occlog import console
 from occlog.console.notes import threads_by_default
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, did_you_mean, option
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.formats.models.ellipses import FIRST, GivenEllipse, read_ellipses
 from occlog.io.formats.models.motion_models import model_losses
@@ -22,7 +22,6 @@ from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
-from occlog.scans.grouping import nearest
 from occlog.track.methods.images.ground.config import STARTS, GroundConfig
 from occlog.track.methods.images.ground.stage import GroundTracksPart, ground_tracks
 from occlog.track.methods.images.initiation.config import ViewsConfig
@@ -241,7 +240,7 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
     for name in (*only, *without):
         if name not in recording.cameras:
             raise UsageError(
-                f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}",
+                f"{recording.path}: no images of camera {name!r}; {did_you_mean(name, recording.cameras, 'it has')}",
                 id="unknown-sensor",
             )
     names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.consistency.estimates import EffectiveSampleSizes
 from occlog.consistency.verdict import MAX_DEPLETED_SHARE, depleted_particles
 from occlog.console.notes import threads_by_default
-from occlog.errors import InputError, UsageError, option
+from occlog.errors import InputError, UsageError, abridged, option
 from occlog.measure.detect.by_background.one_camera import segments
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
@@ -321,7 +321,7 @@ def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: Views
     if stream is not None and stream.read and not stream.met:
         raise InputError(
             f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
-            f"of {', '.join(inputs.names)}; give detections that were made from this recording",
+            f"of {abridged(inputs.names)}; give detections that were made from this recording",
             id="disjoint-inputs",
         )
 
