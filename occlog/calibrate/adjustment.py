@@ -28,11 +28,12 @@ from occlog.track.methods.jipda.kernels.body_box import BOTTOM, LEFT, RIGHT, TOP
 
 from .kernels import boxes_and_slopes, expected_boxes
 
-TURN, SHIFT, FOCAL, RADIAL, LATE, DRIFT, UPPER, LOWER = slice(0, 3), slice(3, 6), 6, 7, 8, 9, 10, 11
+TURN, SHIFT, FOCAL, RADIAL, LATE, DRIFT, UPPER, LOWER, WIDEST = slice(0, 3), slice(3, 6), 6, 7, 8, 9, 10, 11, 12
 """Parameters of a camera: rotation in its own frame [rad], translation in the world, logarithm of the focal length,
-first radial coefficient, by how much its clock is late [s], drift of the clock [1], and bias of the upper and the lower
-edges of its boxes, downwards, in heights of the box."""
-PARAMETERS = 12
+first radial coefficient, by how much its clock is late [s], drift of the clock [1], bias of the upper and the lower
+edges of its boxes, downwards, in heights of the box, and height of the widest part of people above their middle, which
+is between the left and right edges of a body that leans in the image [heights of a person]."""
+PARAMETERS = 13
 COMMON = 6
 """Parameters of all cameras: mean height of people, and where heads, feet and shoulders differ from the ellipsoid of
 the body model: bias of upper and of lower edges [heights of the box], its change with the tangent of the angle from
@@ -58,12 +59,15 @@ ROUGH_ITERATIONS = (6, 6)
 """Steps before the noise is estimated, and before it is estimated again."""
 MAX_ITERATIONS, TOLERANCE = 25, 1e-4
 """Steps at most at the end, and relative decrease of the cost that ends the search."""
-SIGMA_COMMON = np.array([0.025, 0.025, 0.06, 0.06, 0.15])
+SIGMA_COMMON = np.array([0.015, 0.015, 0.03, 0.03, 0.15])
 """Standard deviations of the parameters of all cameras but the mean height."""
 MAX_STEEPNESS = 2.0
 """Largest tangent of an angle from which people are seen."""
-SIGMA_OWN_BIAS = 0.005
-"""Standard deviation of the difference of one camera's bias from it."""
+SIGMA_OWN = np.array([0.005, 0.005, 0.1])
+"""Standard deviations of what one camera's upper and lower edges and height of the widest part differ from these.
+
+Which part of a body is the widest depends on the direction from which it is seen and on how far it leans in the image.
+"""
 PROBES = 4
 """Random vectors by which the share of errors that paths absorb is estimated."""
 AXES = ((LEFT, RIGHT), (TOP, BOTTOM))
@@ -167,12 +171,14 @@ class Adjusted(NamedTuple):
 
     Attributes:
         cameras: adjusted cameras with their poses.
-        values: (C, 12) changes of the parameters of each camera: rotation vector in its frame (3) [rad], translation in
+        values: (C, 13) changes of the parameters of each camera: rotation vector in its frame (3) [rad], translation in
             the world (3), logarithm of the focal length, first radial coefficient, delay of the clock [s], its drift,
-            biases of the upper and lower edges of boxes, downwards [heights of the box].
-        covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
+            biases of the upper and lower edges of boxes, downwards [heights of the box], and height of the widest part
+            above the middle [heights of a person]; biases stay 0.
+        covariance: (C 13, C 13) covariance of `values`, row by row; 0 for fixed ones.
         states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
         mean_height: mean height of people, in scene units.
+        sigma_mean_height: its standard deviation, biases of edges included.
         residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
             example because the border of the image truncates the box there.
         sigma: (N, 4) estimated standard deviations of the edges [px].
@@ -185,6 +191,7 @@ class Adjusted(NamedTuple):
     covariance: Floats
     states: Floats
     mean_height: float
+    sigma_mean_height: float
     residual: Floats
     sigma: Floats
     correlation: float
@@ -192,7 +199,7 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """Camera with its pose, focal length and distortion changed by parameters (12,); see `Adjusted.values`.
+    """Camera with its pose, focal length and distortion changed by parameters (13,); see `Adjusted.values`.
 
     Only the first eight have an effect: rotation vector in the camera's frame (3) [rad], translation in the world (3),
     logarithm of the focal length, and first radial coefficient.
@@ -221,7 +228,7 @@ class Adjustment:
         seen: observations.
         states: (K, 6) of the people at the knots, to start from.
         body: of people.
-        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: held; inf: free.  Those of
+        sigma_prior: (C, 13) prior standard deviations of the changes of the parameters; 0: held; inf: free.  Those of
             the biases of edges are estimated from where they are not 0.
         clocks: to start from, which are also the means of their priors.
         noise: of the edges, to start from.
@@ -256,7 +263,7 @@ class Adjustment:
         self.stated /= HELD_LEVEL**2
         self.precision += self.stated
         bias: Floats = np.zeros((C, PARAMETERS))
-        bias[:, UPPER:] = SIGMA_OWN_BIAS
+        bias[:, UPPER:] = SIGMA_OWN
         self.sigma_bias = np.append(bias.ravel(), [0.0, *SIGMA_COMMON])
         self.values = np.zeros(C * PARAMETERS + COMMON)
         self.states = self.states.copy()
@@ -268,13 +275,14 @@ class Adjustment:
         self.biases = self._bias_slopes()
 
     def _bias_slopes(self) -> Floats:
-        """(N, 4, 7) derivatives of the box edges left, top, right, bottom [px] by seven biases, at the start values.
+        """(N, 4, 8) derivatives of the box edges left, top, right, bottom [px] by eight biases, at the start values.
 
-        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras: of upper
-        and lower edges, the change of both with steepness, and the height of the widest part.
+        The biases are the camera's own of the upper and of the lower edges and of the height of the widest part, then
+        those common to all cameras: of upper and lower edges, the change of both with steepness, and the height of the
+        widest part.
         """
         seen, height = self.seen, self.body.height
-        out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
+        out, box = np.zeros((len(seen.camera), 4, COMMON + 2)), np.zeros((len(seen.camera), 4))
         delay, states = self._delays(self.values), self.states[seen.knot]
         expected_boxes(pack_views(self.cameras).lens, seen.camera, states, delay, box)
         box = np.where(np.isfinite(box).all(axis=1, keepdims=True), box, seen.box)
@@ -285,10 +293,11 @@ class Adjustment:
             steep = np.clip((camera.position[2] - 0.5 * height) / away, -MAX_STEEPNESS, MAX_STEEPNESS)
             size = box[own, BOTTOM] - box[own, TOP]
             for k, edge in enumerate((TOP, BOTTOM)):
-                out[own, edge, k] = out[own, edge, 2 + k] = size
-                out[own, edge, 4 + k] = size * steep
+                out[own, edge, k] = out[own, edge, 3 + k] = size
+                out[own, edge, 5 + k] = size * steep
             ends = [camera.project(np.column_stack([xy, np.full(len(own), share * height)])) for share in (0.4, 0.6)]
-            out[own[:, None], [LEFT, RIGHT], 6] = np.nan_to_num((ends[1] - ends[0])[:, :1] / 0.2)
+            leans = np.nan_to_num((ends[1] - ends[0])[:, :1] / 0.2)
+            out[own[:, None], [LEFT, RIGHT], 2] = out[own[:, None], [LEFT, RIGHT], 7] = leans
         return out
 
     def run(self) -> Adjusted:
@@ -306,8 +315,10 @@ class Adjustment:
         residual = np.where(self.seen.use & equations.good[:, None], equations.residual, np.nan)
         values = self.values[:-COMMON].reshape(C, PARAMETERS)
         return Adjusted(
-            [changed(c, v) for c, v in zip(self.cameras, values, strict=True)], values, covariance, self.states,
-            self.body.height + float(self.values[-COMMON]), residual, self.sigma, float(correlation.max()), converged,
+            [changed(c, v) for c, v in zip(self.cameras, values, strict=True)], values,
+            covariance[:-COMMON, :-COMMON], self.states, self.body.height + float(self.values[-COMMON]),
+            float(np.sqrt(max(covariance[-COMMON, -COMMON], 0.0))), residual, self.sigma, float(correlation.max()),
+            converged,
         )  # fmt: skip
 
     def _search(self, limit: int) -> bool:
@@ -332,7 +343,7 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box after that of its knot [s], given the parameters `values` (C 12 + 6,).
+        """(N,) true time of each box after that of its knot [s], given the parameters `values` (C 13 + 6,).
 
         They are `Adjusted.values` row by row, then the six that all cameras have in common.
         """
@@ -343,7 +354,7 @@ class Adjustment:
     def _equations(self, values: Floats, states: Floats) -> _Equations:
         """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
 
-        `values` (C 12 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
+        `values` (C 13 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
         all cameras have in common; `states` (K, 6) are x, y, vx, vy, height and width at each knot.
         """
         seen, C = self.seen, len(self.cameras)
@@ -373,7 +384,7 @@ class Adjustment:
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
     def _camera_slopes(self, equations: _Equations) -> Floats:
-        """(N, 4, 17) derivatives of the box edges left, top, right, bottom [px] by 12 parameters and 5 common biases.
+        """(N, 4, 18) derivatives of the box edges left, top, right, bottom [px] by 13 parameters and 5 common biases.
 
         The parameters are those of the box's camera. By central differences for pose and lens; 0 for parameters that
         are fixed in all cameras.
@@ -478,7 +489,7 @@ class Adjustment:
         return _Reduced(0.5 * (S + S.T), s, solved)
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
-        """Damped step: changes (C 12 + 6,) of the parameters, 0 for fixed ones, and of the path states (K, 6).
+        """Damped step: changes (C 13 + 6,) of the parameters, 0 for fixed ones, and of the path states (K, 6).
 
         `damping` is relative to the diagonal of the equations (Levenberg-Marquardt).
         """
@@ -594,7 +605,7 @@ class Adjustment:
         return out
 
     def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
-        """(C 12, C 12) covariance of the camera parameters.
+        """(C 13 + 6, C 13 + 6) covariance of all parameters, of which the biases of edges have none.
 
         Biases of edges and stated inclinations and heights are consider parameters (Schmidt 1966): they are not
         estimated, since small errors of the body model would make biases large, but their effect on the estimates is
@@ -614,7 +625,7 @@ class Adjustment:
         # Of the errors of what is stated the inverse contains a small share already
         held = inverse @ self.stated @ inverse * (HELD_LEVEL**-2 - 1.0)
         covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T + held
-        return np.asarray(covariance[:-COMMON, :-COMMON])
+        return np.asarray(covariance)
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:

@@ -16,7 +16,7 @@ from occlog.errors import InputError, option
 from occlog.io.formats.calibration.points import read_marked_points
 from occlog.io.open import input_losses
 from occlog.records.frames import Image
-from occlog.records.scene import Camera, Clock, Scene
+from occlog.records.scene import Camera, Clock, CommonNoise, Scene
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 from occlog.settings import METRES, configure
@@ -236,7 +236,7 @@ def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[Fr
 
 
 def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
-    """Return the scene with the calibrated cameras, their uncertainty as pose noise, and significant clock offsets.
+    """Return the scene with the calibrated cameras, their uncertainty as noise, and significant clock offsets.
 
     `placed`: the result is in the world of the scene; otherwise the room, occluders and other sensors are dropped.
     """
@@ -255,9 +255,16 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
             clocks[clock] = Clock(clock, before.offset_ns + late_ns, before.drift_ppm + each.drift_ppm)
         sigma = float(np.sqrt(np.mean(each.sigma[3:5] ** 2)))
         cameras.append(replace(each.camera, clock=clock, sigma_position=sigma, sigma_yaw=_sigma_yaw(each)))
-    changed = replace(scene, cameras=tuple(cameras), clocks=tuple(clocks.values()))
+    changed = replace(scene, cameras=tuple(cameras), clocks=tuple(clocks.values()), common_noise=_common_noise(found))
     # Where the room and other sensors stand in a frame of the cameras' own is not known
     return changed if placed else replace(changed, room=None, occluders=(), arrays=(), readers=())
+
+
+def _common_noise(found: Calibrated) -> CommonNoise | None:
+    """Standard deviations of all cameras together; those that are undetermined define the world, and are left out."""
+    position, _, yaw, scale = np.where(np.isfinite(found.sigma_frame), found.sigma_frame, 0.0).tolist()
+    center = found.center.real, found.center.imag
+    return CommonNoise(center, position, yaw, scale) if position or yaw or scale else None
 
 
 def _sigma_yaw(each: CameraResult) -> float:

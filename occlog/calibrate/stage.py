@@ -98,9 +98,10 @@ class CameraResult(NamedTuple):
     Attributes:
         camera: camera with its pose.
         estimated: whether it was estimated; otherwise it is left as stated.
-        sigma: (12,) standard deviations relative to all cameras together, NaN if not estimated: rotation vector (3)
+        sigma: (13,) standard deviations relative to all cameras together, NaN if not estimated: rotation vector (3)
             [rad], position (3), log of the focal length, first radial coefficient, delay of the clock [s], its drift,
-            biases of the upper and lower edges of boxes [heights of the box].
+            biases of the upper and lower edges of boxes [heights of the box], height of the widest part of people
+            above their middle [heights of a person].
         late_s: delay of its clock at the beginning of the recording [s].
         drift_ppm: by how much its clock is fast against that of one of the cameras [ppm]; 0 where undetermined.
         boxes: number of boxes that determine it.
@@ -138,7 +139,8 @@ class Calibrated(NamedTuple):
         people: number of people who determine it.
         mean_height: of people.
         sigma_frame: standard deviations of all cameras together: x, y (scene's unit), yaw [rad], scale [1].
-        covariance: (C 12, C 12) of the parameters, relative to all cameras together.
+        center: position x + i y about which yaw and scale are those of all cameras.
+        covariance: (C 13, C 13) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
         converged: the adjustment ended by itself.
         seen: boxes that determine it.
@@ -152,6 +154,7 @@ class Calibrated(NamedTuple):
     people: int
     mean_height: float
     sigma_frame: Floats
+    center: complex
     covariance: Floats
     correlation: float
     converged: bool
@@ -540,7 +543,7 @@ def _middle(values: Floats) -> float:
 
 
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
-    """(C, 12) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
+    """(C, 13) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
 
     The parameters are in the order of `CameraResult.sigma`.
 
@@ -560,13 +563,13 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of the cameras' parameters that the data hardly narrow, in the order of `CameraResult.sigma`.
+    """(C, 13) mask of the cameras' parameters that the data hardly narrow, in the order of `CameraResult.sigma`.
 
     These have a finite prior, and a standard deviation above the share `DETERMINED` of the prior's.
 
     Args:
         done: adjustment, with the covariance of the parameters.
-        sigma: (C, 12) prior standard deviations; 0: fixed; inf: free.
+        sigma: (C, 13) prior standard deviations; 0: fixed; inf: free.
     """
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
@@ -597,7 +600,7 @@ def _adjusted(
         now: cameras and clocks to start from.
         used: (C,) cameras that are adjusted.
         body: prior of people's size.
-        sigma: (C, 12) prior standard deviations; 0: fixed, inf: free.
+        sigma: (C, 13) prior standard deviations; 0: fixed, inf: free.
         window_s: width of a time step [s].
         paths: prior of the paths; with a t distribution people need not be seen by two cameras at one time.
         max_gap_s: a person who is not seen for longer begins again [s].
@@ -715,13 +718,16 @@ def _placed(
         used: (C,) cameras that were adjusted.
         config: height of people and uncertainty of stated poses.
         metre: a metre in scene units.
-        loose: (C, 12) parameters that the data hardly narrow.
+        loose: (C, 13) parameters that the data hardly narrow.
         scaled: the adjustment has the scale of the world already.
     """
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
     log_scale = people = 0.0 if scaled else float(np.log(config.person_height * metre / done.mean_height))
-    precision = (config.person_height / config.sigma_mean_height) ** 2
+    # Mean height of people in general, and of those who are seen, by boxes that are biased
+    precision = 1.0 / (
+        (config.sigma_mean_height / config.person_height) ** 2 + (done.sigma_mean_height / done.mean_height) ** 2
+    )
     yaw, shift, information = 0.0, 0.0j, np.zeros(4)
     here = np.array([complex(*c.position[:2].tolist()) for c in done.cameras])
     there = np.array([complex(*c.position[:2].tolist()) for c in stated])
@@ -764,7 +770,10 @@ def _placed(
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     names = [_loose_names(each) for each in loose]
-    found = _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+    center = complex(np.mean([complex(*cameras[c].position[:2].tolist()) for c in known or own.tolist()]))
+    found = _result(
+        stated, cameras, done, seen, clocks, used, covariance, frame, center, done.mean_height * scale, names
+    )
     at = shift + scale * np.exp(1j * yaw) * (done.states[:, 0] + 1j * done.states[:, 1])
     return found._replace(paths=_paths(seen, seen.time + _middle(clocks.late[own]), at))
 
@@ -784,6 +793,7 @@ def _result(
     used: Bools,
     covariance: Floats,
     frame: Floats,
+    center: complex,
     mean_height: float,
     undetermined: Sequence[tuple[str, ...]],
 ) -> Calibrated:
@@ -796,8 +806,9 @@ def _result(
         seen: its observations.
         clocks: clocks of the cameras.
         used: (C,) mask of cameras that were adjusted.
-        covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`.
+        covariance: (C 13, C 13) of the parameters of all cameras, each in the order of `CameraResult.sigma`.
         frame: (4,) standard deviations common to all cameras: x, y, yaw [rad], scale [1].
+        center: position x + i y about which these are.
         mean_height: mean height of people.
         undetermined: for each camera, names of parameters that the data hardly narrow.
     """
@@ -824,7 +835,7 @@ def _result(
             )
         )
     return Calibrated(
-        results, len(seen.first) - 1, mean_height, frame, covariance, done.correlation, done.converged, seen,
+        results, len(seen.first) - 1, mean_height, frame, center, covariance, done.correlation, done.converged, seen,
         done.residual, [],
     )  # fmt: skip
 
@@ -832,12 +843,12 @@ def _result(
 def _inner(
     covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats, *, scaled: bool
 ) -> Floats:
-    """(C 12, C 12) covariance relative to the common similarity transform of all cameras.
+    """(C 13, C 13) covariance relative to the common similarity transform of all cameras.
 
     S-transformation (Baarda 1973): mean x, y, yaw and scale of the camera positions are held fixed.
 
     Args:
-        covariance: (C 12, C 12) in the frame of the adjustment.
+        covariance: (C 13, C 13) in the frame of the adjustment.
         cameras: C cameras in the world.
         own: indices of those that were adjusted.
         scale: of the world over that of the adjustment.

@@ -279,6 +279,31 @@ class Clock:
     drift_ppm: float = 0.0
 
 
+@dataclass(frozen=True)
+class CommonNoise:
+    """Standard deviations of a similarity transform of the ground plane that all cameras of a scene have in common.
+
+    Poses of cameras to each other do not contain it: where all of them are, turned and scaled about `center` (x, y) is
+    not known better. Lengths are in the scene's unit, `yaw` in radians, `scale` is relative.
+    """
+
+    center: tuple[float, float]
+    position: float = 0.0  # of x and of y
+    yaw: float = 0.0
+    scale: float = 0.0
+
+    def covariances(self, states: Floats) -> Floats:
+        """(n, 6, 6) covariances of states (n, 6), x, y, vx, vy, height and width, due to these errors."""
+        from_center = np.array(states, dtype=np.float64)
+        from_center[:, :2] -= self.center
+        slope = np.zeros((len(states), 6, 4))
+        slope[:, [0, 1], [0, 1]] = self.position
+        slope[:, [0, 2], 2] = -self.yaw * from_center[:, [1, 3]]
+        slope[:, [1, 3], 2] = self.yaw * from_center[:, [0, 2]]
+        slope[:, :, 3] = self.scale * from_center
+        return np.asarray(slope @ np.swapaxes(slope, 1, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Static environment and sensors: room, static occluders, cameras, microphone arrays, tag readers, clocks."""
@@ -291,6 +316,7 @@ class Scene:
     room_height: float = 2.5
     length_unit: str = "m"
     readers: tuple[TagReader, ...] = ()
+    common_noise: CommonNoise | None = None  # None: the cameras are exact as a whole
 
     def __post_init__(self) -> None:
         """Check the number of sensors; InputError above `MAX_SENSORS`."""

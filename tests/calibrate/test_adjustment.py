@@ -95,7 +95,7 @@ def test_gradient_is_that_of_the_cost() -> None:
     one, _ = problem(2.0)
     change = np.random.default_rng(2).normal(0.0, 1.0, len(one.values))
     change *= np.append(
-        np.tile([0.01] * 6 + [0.02, 0.02, 0.05, 0.02, 0.01, 0.01], 3), [0.05, 0.02, 0.02, 0.03, 0.03, 0.1]
+        np.tile([0.01] * 6 + [0.02, 0.02, 0.05, 0.02, 0.01, 0.01, 0.1], 3), [0.05, 0.02, 0.02, 0.03, 0.03, 0.1]
     )
     one.values = np.where(one.free, change, 0.0)
     equations = one._equations(one.values, one.states)

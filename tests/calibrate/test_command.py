@@ -64,9 +64,14 @@ def test_rough_poses_are_corrected(folder: Path, capsys: pytest.CaptureFixture[s
     asked = ["calibrate", str(folder / "walk.mcap"), "-o", str(folder / "scene.yaml"), "--json"]
     assert run([*asked, "--max-clock-offset", "0", "--set", "rounds=1"]) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    found = list(read_scene(folder / "scene.yaml").cameras)
+    scene = read_scene(folder / "scene.yaml")
+    found, common, whole = list(scene.cameras), scene.common_noise, summary["sigma_all_cameras"]
     position, angle = relative_errors(found)
     before = relative_errors(rough())
+    assert common is not None
+    assert common.center == pytest.approx(np.mean([c.ground for c in found], axis=0))
+    stated = (common.position, np.degrees(common.yaw), common.scale)
+    assert stated == pytest.approx((whole["x"], whole["yaw_deg"], whole["scale"]), abs=1e-4)
     assert position < 0.04 < before[0]
     assert angle < 0.01 < before[1]
     assert summary["plausible"] is True
@@ -119,7 +124,10 @@ def test_image_sizes_alone(unknown: Path, tmp_path: Path, capsys: pytest.Capture
     asked = ["calibrate", str(unknown / "walk.mcap"), "-o", str(tmp_path / "scene.yaml"), "--json"]
     assert run([*asked, "--max-clock-offset", "0", "--set", "rounds=1"]) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    found = list(read_scene(tmp_path / "scene.yaml").cameras)
+    scene = read_scene(tmp_path / "scene.yaml")
+    found, common = list(scene.cameras), scene.common_noise
+    assert common is not None
+    assert (common.position, common.yaw) == (0.0, 0.0)
     position, angle = relative_errors(found)
     assert position < 0.05
     assert angle < 0.01
@@ -197,7 +205,7 @@ def test_drift_is_stated_and_written() -> None:
     late, drift = [0.0, -0.2, 0.0], [0.0, 60.0, 0.0]
     found = Calibrated(
         [CameraResult(c, True, s, a, d, 100, 1.0) for c, s, a, d in zip(cameras(), sigma, late, drift, strict=True)],
-        4, 1.7, np.zeros(4), np.zeros((0, 0)), 1.0, True, Observations(*[np.zeros(0)] * 7), np.zeros((0, 4)), [],
+        4, 1.7, np.zeros(4), 0.0j, np.zeros((0, 0)), 1.0, True, Observations(*[np.zeros(0)] * 7), np.zeros((0, 4)), [],
     )  # fmt: skip
     checks = [each.id for each in _clock_findings(found)]
     assert checks == ["clock-offset-found", "clock-drift-found", "clock-drift-undetermined"]

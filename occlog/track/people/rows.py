@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.records.declared.people import BOX, COASTING, GROUND, POSSIBLE_SWITCH, SINGLE_VIEW, words_of
-from occlog.records.scene import Camera
+from occlog.records.scene import Camera, CommonNoise
 from occlog.records.tables import Associations, Events, PeopleTracks, PeopleViews
 from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, TrackSnapshot, X, Y
 from occlog.track.methods.jipda.kernels.body_box import pack_views, project
@@ -64,13 +64,19 @@ def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Fl
     return np.minimum(seen, 1.0)
 
 
-def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], cameras: int | None = None) -> PeopleTracks:
+def tracks_of(
+    seen: Sequence[SnapshotWithDetections],
+    names: Sequence[str],
+    cameras: int | None = None,
+    common_noise: CommonNoise | None = None,
+) -> PeopleTracks:
     """Return table `tracks`: a row for each person and time step.
 
     Args:
         seen: time steps with their detections.
         names: names of the cameras in use, then of position sensors, by index.
         cameras: number of cameras among them; None: all are cameras.
+        common_noise: errors that all cameras have in common, which widen the covariances.
     """
     snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
     if not snapshots:
@@ -78,6 +84,8 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], came
     by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in snapshots])
     mean = np.concatenate([m.mean for m in snapshots])
     covariance = np.concatenate([m.covariance for m in snapshots])
+    if common_noise is not None:
+        covariance = covariance + common_noise.covariances(mean)
     exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "possible_switch"]) for m in snapshots]
     # With one camera there is no other that could see them
     alone = (by.sum(axis=1) == 1) & (len(names) > 1) & by[:, :cameras].any(axis=1)

@@ -389,7 +389,9 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     steps = job.progress(inputs.time_steps, "track")
     in_images = request.view_tracks is not None
     height, room = inputs.config.person_height, inputs.scene.room
-    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=height, room=room)
+    tabulator = Tabulator(
+        inputs.views, in_images=in_images, person_height=height, room=room, common_noise=inputs.scene.common_noise
+    )
     summary = PeopleSummary(inputs, tabulator.agreement)
     seen = track_people(
         steps, inputs.scene, inputs.views, inputs.config, follower, request.seed, inputs.heard(), summary.learned

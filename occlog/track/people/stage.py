@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.records.scene import SIDE, Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
+from occlog.records.scene import SIDE, Camera, CommonNoise, MicrophoneArray, Scene, camera_from, map_origin, scene_from
 from occlog.track.methods.jipda import filter as joint_filter
 from occlog.track.methods.jipda.batch import smooth as window
 from occlog.track.methods.jipda.config import JipdaConfig
@@ -209,6 +209,7 @@ class Tabulator:
         in_images: bool,
         person_height: float = 1.7,
         room: Floats | None = None,
+        common_noise: CommonNoise | None = None,
     ) -> None:
         """Prepare the tables, with all counts at 0.
 
@@ -217,7 +218,9 @@ class Tabulator:
             in_images: project all tracks into every image (table `view_tracks`).
             person_height: mean height of people in the scene's unit.
             room: (K, 2) polygon where people can be; None: not stated.
+            common_noise: errors that all cameras have in common, which widen covariances of tracks; None: none.
         """
+        self._common_noise = common_noise
         self._names = [c.name for c in cameras]
         self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)
         self._views = TracksInViews([c for c in cameras if not isinstance(c, PositionSource)]) if in_images else None
@@ -228,7 +231,7 @@ class Tabulator:
         for each in seen:
             self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(
-            tracks=tracks_of(seen, self._names, self._cameras),
+            tracks=tracks_of(seen, self._names, self._cameras, self._common_noise),
             support=associations_of(seen, self._names),
             events=events_of(seen),
             views=None if self._views is None else self._views.table(seen),

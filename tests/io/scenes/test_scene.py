@@ -37,6 +37,7 @@ microphone_arrays:
   - {name: m, position: [1, 1], sigma_deg: 3, microphones: [[0, 0, 0], [0.1, 0, 0]]}
 clocks:
   - {name: studio, offset_ns: 1500, drift_ppm: 2.5}
+common_noise: {center: [5, 4], position: 0.2, yaw_deg: 1, scale: 0.02}
 """
 
 
@@ -91,6 +92,9 @@ def test_written_scenes_mean_the_same() -> None:
         assert np.array_equal(one.rotation, two.rotation)
         assert one.fov == two.fov
         assert one.placed == two.placed
+    common = again.common_noise
+    assert common is not None
+    assert (*common.center, common.position, common.yaw, common.scale) == pytest.approx((5, 4, 0.2, np.pi / 180, 0.02))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 from people_boxes import HEIGHT, STEP_NS, WIDTH, box, boxes, hall, place
 
 from occlog.core.numerics.assignment import assign
+from occlog.records.scene import CommonNoise
 from occlog.records.tables import PeopleTracks
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
@@ -90,6 +91,25 @@ def test_everybody_has_a_row_at_every_moment(seen: list[SnapshotWithDetections])
     np.testing.assert_allclose(rows.sd_height, 0.1)
     np.testing.assert_allclose(rows.cov_vx_vx, 0.01)
     assert (rows.cov_x_vy == 0).all()
+
+
+def test_noise_common_to_all_cameras_widens_covariances(seen: list[SnapshotWithDetections]) -> None:
+    """By that of random similarity transforms of the ground about its centre, of all rows alike."""
+    common = CommonNoise((2.0, 3.0), position=0.02, yaw=0.01, scale=0.015)
+    bare = Tabulator(CAMERAS, in_images=False).tables(seen).tracks
+    rows = Tabulator(CAMERAS, in_images=False, common_noise=common).tables(seen).tracks
+    rng = np.random.default_rng(5)
+    by = (1.0 + rng.normal(0.0, 0.015, 20_000)) * np.exp(1j * rng.normal(0.0, 0.01, 20_000))
+    shift = rng.normal(0.0, 0.02, (20_000, 2)) @ [1.0, 1j]
+    for k in (0, 1):
+        at = by * (bare.x[k] - 2.0 + 1j * (bare.y[k] - 3.0)) + shift
+        spread = np.cov(at.real, at.imag)
+        added = [
+            [getattr(rows, f"cov_{a}")[k] - getattr(bare, f"cov_{a}")[k] for a in row]
+            for row in (("xx", "xy"), ("xy", "yy"))
+        ]
+        np.testing.assert_allclose(added, spread, atol=0.05 * spread.trace())
+        assert rows.sd_height[k] ** 2 - bare.sd_height[k] ** 2 == pytest.approx((0.015 * HEIGHT) ** 2)
 
 
 def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SnapshotWithDetections]) -> None:

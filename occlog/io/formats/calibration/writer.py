@@ -136,7 +136,7 @@ def _not_held(path: Path, scene: Scene, format: str) -> Iterator[str]:
         named = {f"cam{n}" for n in range(len(cameras))}
     if named != {c.name for c in cameras}:
         yield "names of cameras"
-    if any(c.sigma_position or c.sigma_yaw for c in cameras):
+    if scene.common_noise is not None or any(c.sigma_position or c.sigma_yaw for c in cameras):
         yield "standard deviations of poses"
     if any(np.isfinite(c.range) for c in cameras):
         yield "ranges"

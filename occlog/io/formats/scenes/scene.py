@@ -30,6 +30,7 @@ from occlog.records.scene import (
     MIN_SIGMA_DEG,
     Camera,
     Clock,
+    CommonNoise,
     MicrophoneArray,
     Occluder,
     Scene,
@@ -202,6 +203,17 @@ class ClockSpec(SceneFileSpec, kw_only=True):
     drift_ppm: Annotated[float, Meta(gt=-1e6, lt=1e6)] = 0.0
 
 
+class CommonNoiseSpec(SceneFileSpec, kw_only=True):
+    """Standard deviations of a similarity transform of the ground that is common to all cameras."""
+
+    center: Annotated[Point2, Meta(description="x and y, about which all cameras are turned and scaled")]
+    position: Annotated[
+        float, Meta(ge=0, le=MAX_COORDINATE, description="of x and y of all cameras, in the length unit")
+    ] = 0.0
+    yaw_deg: Annotated[float, Meta(ge=0, le=360, description="of the direction of all cameras, in degrees")] = 0.0
+    scale: Annotated[float, Meta(ge=0, le=10, description="of all lengths, relative")] = 0.0
+
+
 class SceneSpec(SceneFileSpec, kw_only=True):
     """Content of a scene file: room, static occluders, sensors and clocks, in one unit of length."""
 
@@ -214,6 +226,7 @@ class SceneSpec(SceneFileSpec, kw_only=True):
     microphone_arrays: list[ArraySpec] = []
     readers: list[ReaderSpec] = []
     clocks: list[ClockSpec] = []
+    common_noise: CommonNoiseSpec | None = None
 
 
 OLD_NOISE_KEYS = {
@@ -279,9 +292,16 @@ def _build(spec: SceneSpec, source: str) -> Scene:
         room=room,
         room_height=spec.room_height,
         length_unit=spec.length_unit,
+        common_noise=_common_noise(spec.common_noise),
     )
     _check_names(scene, source)
     return scene
+
+
+def _common_noise(spec: CommonNoiseSpec | None) -> CommonNoise | None:
+    if spec is None:
+        return None
+    return CommonNoise(spec.center, spec.position, math.radians(spec.yaw_deg), spec.scale)
 
 
 def _check_names(scene: Scene, source: str) -> None:
@@ -456,6 +476,7 @@ def _corners(polygon: Floats) -> list[Point2]:
 
 
 def _spec(scene: Scene) -> SceneSpec:
+    common = scene.common_noise
     return SceneSpec(
         occlog_scene=1,
         length_unit=scene.length_unit,  # type: ignore[arg-type]
@@ -468,7 +489,13 @@ def _spec(scene: Scene) -> SceneSpec:
         microphone_arrays=[_array_spec(a) for a in scene.arrays],
         readers=[_reader_spec(r) for r in scene.readers],
         clocks=[ClockSpec(name=c.name, offset_ns=c.offset_ns, drift_ppm=c.drift_ppm) for c in scene.clocks],
+        common_noise=None if common is None else _common_noise_spec(common),
     )
+
+
+def _common_noise_spec(common: CommonNoise) -> CommonNoiseSpec:
+    yaw_deg = math.degrees(common.yaw)
+    return CommonNoiseSpec(center=common.center, position=common.position, yaw_deg=yaw_deg, scale=common.scale)
 
 
 def _camera_spec(c: Camera) -> CameraSpec:
