@@ -2,9 +2,10 @@
 
 As in `occlog.consistency.systematic_errors` the error of a track, a position and a velocity within a short window, is
 eliminated from the residuals of ranges and bearings. The remaining residuals of a station's ranges are noise and its
-constant error. These errors are often equal in all stations, so that all are estimated jointly. Standard errors are the
-larger of those by the noise and those by the scatter between blocks of the recording (White 1980, A
-heteroskedasticity-consistent covariance matrix estimator, Econometrica 48(4)).
+constant error. These errors are often equal in all stations, so that all are estimated jointly. A target that stands,
+or walks where errors of stations are alike, does not determine all of them: stations are then selected one after the
+other. Standard errors are the larger of those by the noise and those by the scatter between blocks of the recording
+(White 1980, A heteroskedasticity-consistent covariance matrix estimator, Econometrica 48(4)).
 """
 
 from __future__ import annotations
@@ -23,7 +24,18 @@ from occlog.scans.grouping import ScanMeasurements
 
 from .bearings import StatedResiduals
 from .estimates import MAX_SIGMA_RAD
-from .systematic_errors import MEDIAN, MIN_FREEDOM, MIN_RANK, MIN_SHARE_OF_NOISE, linearised_bearings, local_lines
+from .systematic_errors import (
+    MAX_FOUND,
+    MEDIAN,
+    MIN_FREEDOM,
+    MIN_RANK,
+    MIN_SHARE_LEFT,
+    MIN_SHARE_OF_NOISE,
+    RIVAL_GAIN,
+    linearised_bearings,
+    local_lines,
+    rival_words,
+)
 
 RANGE_BIASES = "errors of ranges"
 """Name of the check."""
@@ -46,13 +58,15 @@ MAX_STATIONS = 40
 class RangeBias(NamedTuple):
     """Constant error of the ranges of a station [length], with its standard error and the size that matters.
 
-    The size is above 0 for ranges that are too long.
+    The size is above 0 for ranges that are too long. `rivals` are stations with ranges that may be the wrong ones
+    instead.
     """
 
     station: str
     size: float  # by how much they are too long
     error: float  # its standard error
     limit: float  # size that matters
+    rivals: tuple[str, ...] = ()
 
 
 class BlockSums(NamedTuple):
@@ -167,24 +181,61 @@ class RangeBiases:
             self._blocks = [a.plus(b) for a, b in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
 
     def found(self) -> list[RangeBias]:
-        """Return the significant errors that are large enough to matter, in the order of the stations."""
+        """Return the significant errors that are large enough to matter.
+
+        If a joint estimate of all stations has such errors, they are returned in the order of the stations. Otherwise
+        stations are selected one after the other, the most significant first, `MAX_FOUND` at most.
+        """
         S, K = len(self._column), len(self._blocks)
         if max(MIN_BLOCKS, S + 2) > K or self._freedom - S < MIN_FREEDOM:
             return []
         noise = np.sqrt(self._counts[:S] / np.maximum(self._weights[:S], 1e-300))
-        normals = np.array([block.normal[:S, :S] for block in self._blocks])
-        rights = np.array([block.right[:S] for block in self._blocks])
-        P = np.linalg.inv(normals.sum(axis=0) + np.diag((PRIOR_SIGMAS * noise) ** -2.0))
-        size = P @ rights.sum(axis=0)
-        left = max((self._square - float(size @ rights.sum(axis=0))) / (self._freedom - S), 1.0)
-        scores = rights - normals @ size
-        scatter = K / (K - S) * P @ (scores.T @ scores) @ P
-        error = np.sqrt(np.maximum(left * np.diag(P), np.diag(scatter)))
         limit = MIN_SHARE_OF_NOISE * noise
+        names = [self._names[number] for number in self._column]
+        size, error = self._fitted(list(range(S)))
         large = (np.abs(size) > MIN_SIGMAS * error) & (np.abs(size) > limit)
-        names = {column: self._names[number] for number, column in self._column.items()}
-        figures = [column.tolist() for column in (size, error, limit)]
-        return [RangeBias(names[s], *(column[s] for column in figures)) for s in sorted(names) if large[s]]
+        if large.any():
+            columns = zip(names, size.tolist(), error.tolist(), limit.tolist(), large.tolist(), strict=True)
+            return [RangeBias(*one) for *one, matters in columns if matters]
+        out: list[RangeBias] = []
+        taken: list[int] = []
+        while len(taken) < min(MAX_FOUND, S):
+            tried = [s for s in range(S) if s not in taken and self._determined(taken, s)]
+            fits = {s: [float(column[-1]) for column in self._fitted([*taken, s])] for s in tried}
+            gain = {s: (size / error) ** 2 for s, (size, error) in fits.items()}
+            best = max(gain, key=gain.__getitem__, default=-1)
+            if best < 0 or gain[best] < MIN_SIGMAS**2 or abs(fits[best][0]) < limit[best]:
+                break
+            rivals = tuple(names[s] for s in tried if s != best and gain[s] > gain[best] - RIVAL_GAIN)
+            out.append(RangeBias(names[best], *fits[best], float(limit[best]), rivals))
+            taken.append(best)
+        return out
+
+    def _fitted(self, chosen: Sequence[int]) -> tuple[Floats, Floats]:
+        """Return sizes (k,) and standard errors (k,) of the errors of k stations if all others have none.
+
+        `chosen` are their columns in the normal equations.
+        """
+        K, k = len(self._blocks), len(chosen)
+        normals = np.array([block.normal[np.ix_(chosen, chosen)] for block in self._blocks])
+        rights = np.array([block.right[chosen] for block in self._blocks])
+        # The weights of the prior: 1 / sigma^2 of a range
+        prior = self._weights[chosen] / np.maximum(self._counts[chosen], 1.0) / PRIOR_SIGMAS**2
+        P = np.linalg.inv(normals.sum(axis=0) + np.diag(prior))
+        size = P @ rights.sum(axis=0)
+        left = max((self._square - float(size @ rights.sum(axis=0))) / (self._freedom - k), 1.0)
+        scores = rights - normals @ size
+        scatter = K / (K - k) * P @ (scores.T @ scores) @ P
+        return size, np.sqrt(np.maximum(left * np.diag(P), np.diag(scatter)))
+
+    def _determined(self, taken: Sequence[int], column: int) -> bool:
+        """Return whether tracks and the errors of the stations `taken` do not explain any error of one more station.
+
+        `taken` and `column` are columns in the normal equations.
+        """
+        normal = np.sum([block.normal for block in self._blocks], axis=0)
+        explained = normal[column, taken] @ np.linalg.pinv(normal[np.ix_(taken, taken)]) @ normal[taken, column]
+        return bool(normal[column, column] - explained > MIN_SHARE_LEFT * self._weights[column])
 
     def checks(self, unit: str, *, estimated: bool = False) -> tuple[Check, ...]:
         """Return the check of constant range errors, with a finding for each station with ranges too long or too short.
@@ -210,6 +261,7 @@ class RangeBiases:
                 error=one.error,
                 allowed=one.limit,
                 unit=unit,
+                rivals=rival_words([f"those of {name}" for name in one.rivals]),
             )
 
 

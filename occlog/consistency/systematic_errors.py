@@ -22,9 +22,10 @@ from occlog.records.verdicts import Check, finding, outcome
 from .bearings import StatedResiduals
 from .clock_offsets import offset_words
 from .estimates import MAX_SIGMA_RAD
+from .sensor_noise import MAX_VARIANCE, SensorNoise
 
-SYSTEMATIC = "sensor errors"
-"""Name of the check."""
+SYSTEMATIC, NOISE = "sensor errors", "sensor noise"
+"""Names of the checks."""
 WINDOW_S = 1.0
 """Time in which the error of a track is linear [s]."""
 HALF_STEP_S = 0.5
@@ -96,6 +97,8 @@ class SystematicErrors:
         self._scatter = np.zeros((3, 2 * S))  # sums over windows of u^2, u a, a^2: right sides u and diagonals a
         self._square = self._freedom = 0.0
         self._counts, self._away = np.zeros(S), np.zeros(S)  # bearings, and sums of their 1 / distance^2
+        self._noise = SensorNoise(S)
+        self._verified = False  # whether three sensors saw a target within a window
         self._scale = np.zeros(2 * S)  # sums of squares of what a unit of each error is, in standard deviations
 
     def add(self, tracks: Tracks, stated: Sequence[StatedResiduals]) -> None:
@@ -169,6 +172,8 @@ class SystematicErrors:
         self._scale[columns] += np.sum(X**2, axis=0)
         np.add.at(self._counts, names[at], 1.0)
         np.add.at(self._away, names[at], rows[:, 7])
+        self._verified |= n > 2
+        self._noise.add(names[at], rows[:, 2], u)
         X, y = X - u @ (u.T @ X), rows[:, 2] - u @ (u.T @ rows[:, 2])
         normal, right = X.T @ X, X.T @ y
         self._normal[np.ix_(columns, columns)] += normal
@@ -237,22 +242,60 @@ class SystematicErrors:
         Numbers 0 to S - 1 are the yaws of the S sensors, S to 2 S - 1 their clocks.
         """
         S = len(self._sensors)
-        n, sensor = k % S, list(self._sensors.values())[k % S]
+        n = k % S
         # Root mean square of the error's column: what a unit of it is in standard deviations
         unit = math.sqrt(self._scale[k] / max(self._counts[n], 1.0))
         limit = MIN_SHARE_OF_NOISE / unit if unit > 0.0 else math.inf
-        if k < S and isinstance(sensor, Camera):
-            shift = sensor.sigma_position * math.sqrt(self._away[n] / max(self._counts[n], 1.0))
-            limit = max(limit, STATED_DEVIATIONS * math.hypot(sensor.sigma_yaw, shift))
-        return limit
+        return max(limit, self._stated_turn(n)) if k < S else limit
 
-    def checks(self) -> tuple[Check, ...]:
-        """Return the check of systematic errors, with a finding for each sensor with a yaw error or a late clock."""
+    def _stated_turn(self, n: int) -> float:
+        """Return the error [rad] of bearings of sensor number `n` that the stated noise of its pose may cause."""
+        sensor = list(self._sensors.values())[n]
+        if not isinstance(sensor, Camera):
+            return 0.0
+        shift = sensor.sigma_position * math.sqrt(self._away[n] / max(self._counts[n], 1.0))
+        return STATED_DEVIATIONS * math.hypot(sensor.sigma_yaw, shift)
+
+    def noisy(self) -> list[tuple[str, float]]:
+        """Return name and factor of each sensor with bearings that scatter by this factor times the stated deviation.
+
+        The factor of the standard deviation is significant, and large enough to matter.
+        """
+        S, names = len(self._sensors), list(self._sensors)
+        turns = np.array([self._stated_turn(n) for n in range(S)])
+        limit = MAX_VARIANCE + turns**2 * self._scale[:S] / np.maximum(self._counts, 1.0)
+        return [(names[n], math.sqrt(variance)) for n, variance in self._noise.found(limit)]
+
+    def checks(self, unless: str = "") -> tuple[Check, ...]:
+        """Return the checks of systematic errors and of noise, with findings for single sensors.
+
+        Errors of yaws and clocks make bearings scatter, too: noise is not judged where such an error is found.
+        `unless` is why the noise is not judged; empty: it is.
+        """
         few = "too few bearings of three sensors at one time" if self._freedom < MIN_FREEDOM else ""
-        return outcome(SYSTEMATIC, self._findings(), unless=few)
+        found = outcome(SYSTEMATIC, () if few else self._findings(), unless=few)
+        unless = unless or ("" if self._noise.judged else "too few bearings of several sensors within a second")
+        unless = "a sensor is off" if any(check.status == "failed" for check in found) else unless
+        noisy = () if unless else self.noisy()
+        allowed = math.sqrt(MAX_VARIANCE)
+        return *found, *outcome(
+            NOISE,
+            (
+                finding(NOISE, "sensor-noise-small", sensors=[name], factor=factor, allowed=allowed)
+                for name, factor in noisy
+            ),
+            unless=unless,
+        )
 
     def _findings(self) -> Iterator[Check]:
-        """Generate a finding for each significant error, with others that may be the true one instead."""
+        """Generate a finding for each significant error, with others that may be the true one instead.
+
+        If tracks explain any error, as no three sensors see a target within one window, one finding says so.
+        """
+        if not self._verified:
+            names = [name for name, n in zip(self._sensors, self._counts.tolist(), strict=True) if n]
+            yield finding(SYSTEMATIC, "sensors-unverified", sensors=names)
+            return
         for one in self.found():
             unit = math.pi / 180.0 if one.kind == TURNED else 1.0
             others = [f"{'the yaw' if kind == TURNED else 'the clock'} of {name}" for name, kind in one.rivals]
@@ -264,8 +307,13 @@ class SystematicErrors:
                 error=one.error / unit,
                 **offset_words(one.size),
                 allowed=one.noise / unit,
-                rivals=f" (or {', '.join(others[:2])} is off)" if others else "",
+                rivals=rival_words([f"{name} is off" for name in others]),
             )
+
+
+def rival_words(others: Sequence[str]) -> str:
+    """Return other explanations of an error as text in parentheses, two at most; empty if there are none."""
+    return f" (or {', or '.join(others[:2])})" if others else ""
 
 
 def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: Floats) -> tuple[Floats, Floats]:

@@ -220,9 +220,19 @@ VERDICT: dict[str, Message] = {
         "time stamps of {sensors} are {offset} +- {error:.1g} s too {sense} (allowed: {allowed:.1g}){rivals}",
         "ingest with --clock-offset {sensors}={correction}",
     ),
+    "sensors-unverified": Message(
+        N,
+        "no third sensor sees the targets of {sensors}: a wrong yaw or clock leaves no trace, and moves the tracks",
+        "check poses and clocks, or add a sensor",
+    ),
+    "sensor-noise-small": Message(
+        W,
+        "bearings of {sensors} scatter by {factor:.2g} times their stated standard deviation (allowed: {allowed:g})",
+        "state a larger one: noise of the scene, or detect --sigma-px",
+    ),
     "range-bias": Message(
         W,
-        "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
+        "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g}){rivals}",
         "use occlog track --method map --range-bias, or subtract it from them",
     ),
     "outliers": Message(

@@ -142,10 +142,11 @@ class TrackSummary:
         number = outcome(NUMBER, (), targets=len(self.targets))
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
-        sensors = () if self.joint else self.sensors.checks()
+        against = "bearings contradict the motion" if any(check.found for check in labels) else ""
+        sensors = () if self.joint else self.sensors.checks(unless=against)
         if self.ranges is not None:
             sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
-        off = "a sensor is off" if any(check.found for check in sensors) else ""
+        off = "a sensor is off" if any(check.status == "failed" for check in sensors) else ""
         motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
         if motion:
             found = tuple(check for check in found if check.name != MOTION)

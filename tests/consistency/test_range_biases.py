@@ -28,12 +28,13 @@ CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 NAMES = ("s0", "s1", "s2", "s3")
 
 
-def collected(seed: int, bias: Floats, stations: int = 4) -> RangeBiases:
+def collected(seed: int, bias: Floats, stations: int = 4, radius: float = 2.5) -> RangeBiases:
     """Ranges of 40 s at 5 Hz on a circle, 30 % missed, at estimates with an error that changes slowly."""
     rng = np.random.default_rng([8300, seed])
     seconds = np.arange(200) / 5.0
     angle = 2.0 * np.pi * seconds / 25.0
-    path = np.column_stack([5.0 + 2.5 * np.cos(angle), 4.0 + 2.5 * np.sin(angle)])
+    centre = np.array([5.0, 4.0]) if radius else np.array([3.0, 2.6])
+    path = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
     estimates = path + np.cumsum(rng.standard_normal((200, 2)), axis=0) * 0.005
     t_ns, nothing = np.round(seconds * NS).astype(np.int64), np.full(200, 0.01)
     tracks = Tracks.of(
@@ -67,15 +68,26 @@ def test_sizes_are_right_within_their_errors() -> None:
         assert 0.5 < np.std(away) < 1.6
 
 
+def test_a_target_that_stands_does_not_hide_the_station() -> None:
+    """The errors of all four are not determined then, but one that is too long explains all residuals."""
+    for seed in range(5):
+        found = collected(seed, np.array([0.0, 0.3, 0.0, 0.0]), radius=0.0).found()
+        assert len(found) == 1
+        assert "s1" in (found[0].station, *found[0].rivals)
+        assert found[0].station != "s1" or abs(found[0].size - 0.3) < 5.0 * found[0].error
+
+
 @pytest.mark.statistics
-def test_ranges_without_an_error_are_not_named() -> None:
+@pytest.mark.parametrize("radius", [0.0, 2.5])
+def test_ranges_without_an_error_are_not_named(radius: float) -> None:
     """20 recordings of four stations."""
-    assert not any(collected(seed, np.zeros(4)).found() for seed in range(20))
+    assert not any(collected(seed, np.zeros(4), radius=radius).found() for seed in range(20))
 
 
 def test_two_stations_leave_nothing_to_be_found() -> None:
     """Two circles always meet."""
-    assert not any(collected(seed, np.full(4, 0.5), stations=2).found() for seed in range(10))
+    for radius in (0.0, 2.5):
+        assert not any(collected(seed, np.full(4, 0.5), stations=2, radius=radius).found() for seed in range(10))
 
 
 def said_of(made: Recording, table: Measurements, method: str, range_bias: float = 0.0) -> list[Check]:

@@ -31,8 +31,13 @@ def path_of(seconds: Floats) -> Floats:
     return np.column_stack([5.0 + 2.5 * np.cos(angle), 4.0 + 2.5 * np.sin(angle)])
 
 
-def collected(seed: int, *, yaw: float = 0.0, late_s: float = 0.0, sensors: int = 4) -> SystematicErrors:
-    """Bearings of 40 s at 5 Hz, those of cam2 with an error, at estimates with an error that changes slowly."""
+def collected(
+    seed: int, *, yaw: float = 0.0, late_s: float = 0.0, sensors: int = 4, noise: float = 1.0
+) -> SystematicErrors:
+    """Bearings of 40 s at 5 Hz, at estimates with an error that changes slowly.
+
+    Those of cam2 have an error of yaw or clock, or `noise` times the stated standard deviation.
+    """
     rng = np.random.default_rng([4500, seed])
     seconds = np.arange(200) / 5.0
     t_ns = np.round(seconds * NS).astype(np.int64)
@@ -47,7 +52,8 @@ def collected(seed: int, *, yaw: float = 0.0, late_s: float = 0.0, sensors: int 
     for n, camera in enumerate(SCENE.cameras[:sensors]):
         off = n == 1
         seen = path_of(seconds - (late_s if off else 0.0)) - camera.position[:2]
-        bearing = np.arctan2(seen[:, 1], seen[:, 0]) + (yaw if off else 0.0) + SIGMA * rng.standard_normal(200)
+        bearing = np.arctan2(seen[:, 1], seen[:, 0]) + (yaw if off else 0.0)
+        bearing += (noise if off else 1.0) * SIGMA * rng.standard_normal(200)
         away = estimates - camera.position[:2]
         residual = wrap_angle(bearing - np.arctan2(away[:, 1], away[:, 0])) / SIGMA
         keep = rng.random(200) >= 0.3
@@ -79,9 +85,39 @@ def test_sensors_without_an_error_are_not_named() -> None:
     assert sum(bool(collected(seed).found()) for seed in range(20)) <= 1
 
 
-def test_two_sensors_leave_nothing_to_be_found() -> None:
+def test_two_sensors_leave_nothing_to_be_found_which_is_reported() -> None:
     for seed in range(10):
-        assert not collected(seed, yaw=0.02, sensors=2).found()
+        found = collected(seed, yaw=0.02, sensors=2)
+        assert not found.found()
+        (note,) = findings(found.checks())
+        assert (note.id, note.severity, note.sensors) == ("sensors-unverified", "note", ("cam1", "cam2"))
+    assert not findings(collected(0, sensors=3).checks())
+
+
+@pytest.mark.parametrize("sensors", [2, 3, 4])
+def test_a_sensor_with_three_times_the_stated_noise_is_named(sensors: int) -> None:
+    factors = []
+    for seed in range(6):
+        noisy = collected(seed, noise=3.0, sensors=sensors).noisy()
+        assert [name for name, _ in noisy] == ["cam2"]
+        factors.append(noisy[0][1])
+    assert 2.4 < np.mean(factors) < 3.6
+
+
+@pytest.mark.statistics
+@pytest.mark.parametrize("sensors", [2, 4])
+def test_noise_as_stated_is_not_reported(sensors: int) -> None:
+    """Variances have a mean of 1: the quiet windows are not taken for all."""
+    found = [collected(seed, sensors=sensors) for seed in range(20)]
+    assert not any(one.noisy() for one in found)
+    variances = np.array([one._noise.variances()[0] for one in found])[:, :sensors]
+    assert 0.9 < variances.mean() < 1.2
+
+
+def test_noise_is_not_judged_where_a_sensor_is_turned() -> None:
+    ids = [check.id for check in findings(collected(1, yaw=0.05).checks())]
+    assert "sensor-turned" in ids
+    assert "sensor-noise-small" not in ids
 
 
 def test_stated_errors_of_poses_are_no_finding() -> None:
@@ -90,13 +126,15 @@ def test_stated_errors_of_poses_are_no_finding() -> None:
     assert not found.found()
 
 
-def said_of(made: Recording, bearings: Bearings, method: str) -> list[Check]:
-    """Findings of a sensor's errors."""
+def said_of(
+    made: Recording, bearings: Bearings, method: str, ids: tuple[str, ...] = ("sensor-turned", "sensor-late")
+) -> list[Check]:
+    """Findings of these ids: of a sensor's errors."""
     config = configure(settings_of(method).in_unit("m"), {})
     summary = TrackSummary(made.scene, joint=False)
     for part in track([bearings], made.scene, TrackingTask(config, 0, method=method)):
         summary.add(part)
-    return [check for check in findings(summary.checks()) if check.id in ("sensor-turned", "sensor-late")]
+    return [check for check in findings(summary.checks()) if check.id in ids]
 
 
 @pytest.mark.jit
@@ -123,3 +161,17 @@ def test_every_method_names_the_sensor(method: str) -> None:
     assert abs(late[0].figures["size"] - 0.2) < 0.05
     assert "too large (allowed" in late[0].text
     assert abs(float(late[0].text.rpartition("=")[2]) + 0.2) < 0.05
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(
+    "method", ["ekf", *(pytest.param(name, marks=pytest.mark.statistics) for name in ("apf", "fix", "map"))]
+)
+def test_every_method_names_the_sensor_with_noise_stated_too_small(method: str) -> None:
+    made = record("walk", 4, miss=0.1, seed=701)
+    own = made.bearings.sensor == "cam2"
+    assert not said_of(made, made.bearings, method, ("sensor-noise-small",))
+    less = {name: np.where(own, 1.0 / 3.0, 1.0) * getattr(made.bearings, name) for name in ("sigma", "sigma_px")}
+    (found,) = said_of(made, replace(made.bearings, **less), method, ("sensor-noise-small",))
+    assert found.sensors == ("cam2",)
+    assert 2.0 < found.figures["factor"] < 4.0

@@ -75,28 +75,51 @@ def test_an_object_that_one_of_four_cameras_reports_is_no_person_after_3_s(camer
     assert snapshots[-1].detectors.static_clutter.sum() == 1
 
 
+def plain_views(made: Crowd, xy: tuple[float, float]) -> list[int]:
+    """Cameras with the whole box of a person at the position in their image."""
+    out, box = [], np.empty(4)
+    for c, lens in enumerate(pack_views(made.scene.cameras).lens):
+        seen = expected_box(lens, *xy, 1.7, 0.5, box) > 0.0
+        if seen and box.min() > 0.0 and box[2] < 1279.0 and box[3] < 719.0:
+            out.append(c)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("seed", "camera", "xy"), [(7, 1, (6.5, -1.0)), pytest.param(5, 0, (3.8, -1.0), marks=pytest.mark.statistics)]
+)
+def test_an_object_that_a_single_other_camera_denies_is_no_person_after_3_s(seed, camera, xy):
+    made = with_object(crowd(people=4, frames=100, seed=seed), camera, xy)
+    views = plain_views(made, xy)
+    assert camera in views
+    assert len(views) == 2
+    _, snapshots = followed(made)
+    assert near(snapshots[30:], xy, made.truth[30:]) <= 3
+
+
 def test_a_crowd_without_such_objects_has_no_static_clutter():
     _, snapshots = followed(crowd(people=6, frames=80, seed=2))
     assert all(s.detectors is not None and not s.detectors.static_clutter.any() for s in snapshots)
 
 
-def test_a_person_who_stands_in_view_of_one_camera_alone_is_kept():
-    """Of four cameras three do not cover the position: 60 s at 5 Hz."""
+@pytest.mark.parametrize(("cameras", "xy"), [((1,), (5.0, 4.0)), ((3, 1), (1.1, 6.5))])
+def test_a_person_who_stands_in_view_of_one_camera_alone_is_kept(cameras, xy):
+    """60 s at 5 Hz: the first camera detects the person, of whom the image of the second one contains a third."""
     made = crowd(people=1, frames=1, hz=5.0, seed=4, false=0.0)
-    box = np.empty(4)
-    views = pack_views(made.scene.cameras)
-    assert expected_box(views.lens[1], 5.0, 4.0, 1.7, 0.5, box) > 0.0
-    rng, alone = np.random.default_rng(1), made.scene.cameras[1:2]
-    state = initial_state(made.scene, alone, JipdaConfig())
-    frame = next(f for f in made.moments[0] if f.camera == 1)
-    kept = 0
+    own, box = tuple(made.scene.cameras[c] for c in cameras), np.empty(4)
+    assert expected_box(pack_views(own).lens[0], *xy, 1.7, 0.5, box) > 0.0
+    rng, state, kept = np.random.default_rng(1), initial_state(made.scene, own, JipdaConfig()), 0
     for t in range(300):
-        bare = frame._replace(
-            t_ns=round(0.2e9 * t), camera=0, boxes=np.zeros((0, 4)), score=np.zeros(0),
-            tracklet_id=np.zeros(0, np.int64), appearance=np.zeros((0, 0)), row=np.zeros(0, np.int64),
-        )  # fmt: skip
-        seen = with_box(bare, box + rng.normal(0.0, 3.0, 4)) if rng.random() < 0.9 else bare
-        state, snapshot = step(state, [seen])
+        frames = [
+            made.moments[0][0]._replace(
+                t_ns=round(0.2e9 * t), camera=c, boxes=np.zeros((0, 4)), score=np.zeros(0),
+                tracklet_id=np.zeros(0, np.int64), appearance=np.zeros((0, 0)), row=np.zeros(0, np.int64),
+            )
+            for c in range(len(cameras))
+        ]  # fmt: skip
+        if rng.random() < 0.9:
+            frames[0] = with_box(frames[0], box + rng.normal(0.0, 3.0, 4))
+        state, snapshot = step(state, frames)
         kept += len(snapshot.ids)
     assert kept > 280
 

@@ -302,7 +302,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         arrivals,
         people.hidden,
     )
-    before_update, predicted = people.existence, people.body_mean
+    before_update, predicted, hidden = people.existence, people.body_mean, people.hidden
     people = update(people, result.information, result.vector, gait, config)
     explained = (result.beta + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
@@ -316,7 +316,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
     people = update_static_clutter(
-        people, boxes, static > anywhere, result, rates.noise, interval, state.metre, state.positions.first
+        people, boxes, static > anywhere, result, rates.noise, interval, state.metre, state.positions.first, hidden
     )
     counts = update_statistics(
         state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result,

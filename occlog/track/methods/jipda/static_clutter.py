@@ -2,7 +2,8 @@
 
 One camera reports the same box again and again, and cameras with an unoccluded view of the position report none. A
 person would have to be missed by each of these cameras independently, frame after frame. The log odds of static clutter
-against a person are kept for every track, with the camera and the box.
+against a person are kept for every track, with the camera and the box. Something unknown may hide a person from a
+camera for long, but hardly one who has been at this position since the track began and whom no other camera ever saw.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from occlog.array_types import Bools, Floats
 from .detector_model import MIN_VISIBILITY_TO_LEARN, SAME_SOURCE_CHI2, squared_distance
 from .kernels.detections import PackedDetections
 from .kernels.joint_association import JipdaResult
-from .target_set import TargetSet
+from .target_set import PRIOR_STATIC_LOG_ODDS, TargetSet
 
 MIN_LOG_ODDS, MAX_LOG_ODDS = -10.0, 20.0
 """Limits of the log odds of static clutter."""
@@ -41,6 +42,7 @@ def update_static_clutter(
     interval: Floats,
     metre: float,
     cameras: int,
+    hidden: Floats,
 ) -> TargetSet:
     """Return the tracks with updated log odds of being static clutter of one camera (a picture, statue or mirror).
 
@@ -59,7 +61,10 @@ def update_static_clutter(
         metre: length of a metre in the scene's unit.
         cameras: number of views that are cameras; position sensors have the indices after them, and can confirm or deny
             a track but not be its source of static clutter.
+        hidden: (N, C) probabilities of an unknown obstacle that the detection probabilities contain.
     """
+    walked = np.hypot(*(people.mean[:, :2] - people.first).T) > WALKED_M * metre
+    unconfirmed = ~walked & (people.static_log_odds >= PRIOR_STATIC_LOG_ODDS)
     known, denying = people.static_known.copy(), np.zeros(len(people.key), dtype=np.int64)
     camera, box, log_odds = people.static_camera.copy(), people.static_box.copy(), people.static_log_odds.copy()
     share = result.beta + result.joint
@@ -78,13 +83,14 @@ def update_static_clutter(
         known[first | own] = at_source[here][best][first | own] if of.shape[1] else False
         box[first | own] = there[first | own]
         # Cameras in plain view that report nothing
-        missed = ~hit & (camera >= 0) & (camera != c) & np.isfinite(result.visible[frame])
-        evidence = -np.log1p(-np.minimum(result.detection[frame], 0.999))
+        missed = ~hit & (camera >= 0) & (camera != c)
+        missed &= np.nan_to_num(result.visible[frame]) > MIN_VISIBILITY_TO_LEARN
+        shown = np.where(unconfirmed, 1.0 - hidden[:, c], 1.0)
+        evidence = -np.log1p(-np.minimum(result.detection[frame] / shown, 0.999))
         weight = min(float(interval[c]) / MISS_INTERVAL_S, 1.0)
-        denying += missed & (np.nan_to_num(result.visible[frame]) > MIN_VISIBILITY_TO_LEARN)
+        denying += missed
         log_odds += np.where(missed, weight * np.minimum(evidence, MAX_MISS_EVIDENCE), 0.0)
     # One camera may be hidden by something unknown, two are not
-    walked = np.hypot(*(people.mean[:, :2] - people.first).T) > WALKED_M * metre
     walked &= (people.steps > MIN_STEPS_WALKED) & ~known & (denying < 2)
     log_odds[walked & (log_odds < 0.0)] = MIN_LOG_ODDS
     return replace(
