@@ -7,6 +7,7 @@ convention at once. The checks are whether the world is right-handed and upright
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from occlog.records.scene import HEIGHT_SLACK, Camera, other_angle_readings
 from occlog.records.verdicts import Check, finding, outcome
 
 HANDED, UPRIGHT, HEIGHTS, ANGLES = "handedness of the world", "vertical of the world", "camera heights", "scene angles"
+POSES = "camera poses"
 """Names of checks."""
 AUTO = "auto"
 """Value of `up` that finds the vertical by the horizons of the cameras."""
@@ -238,6 +240,19 @@ def scene_checks(cameras: Sequence[Camera]) -> tuple[Check, ...]:
     change = min(found, key=found.__getitem__)
     fits = found[change] < NEAR and NEARER * found[change] < given
     return outcome(ANGLES, [finding(ANGLES, "scene-angles-fit-if", change=change)] if fits else ())
+
+
+def pose_checks(cameras: Sequence[Camera]) -> tuple[Check, ...]:
+    """Outcome of the check whether cameras have exactly the same pose, as if extrinsics had been copied."""
+    placed = [c for c in cameras if c.has_height]
+    same = dict.fromkeys(
+        name
+        for a, b in combinations(placed, 2)
+        if np.array_equal(a.position, b.position) and np.array_equal(a.rotation, b.rotation)
+        for name in (a.name, b.name)
+    )
+    found = [finding(POSES, "cameras-same-pose", sensors=same)] if same else []
+    return outcome(POSES, found, unless="" if len(placed) > 1 else "fewer than two cameras have poses in space")
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

@@ -32,7 +32,7 @@ from occlog.records.tables import Truth
 from occlog.records.verdicts import Check, outcome
 
 from .plan import IngestPlan
-from .rig import AUTO, describe, scene_checks, world_checks
+from .rig import AUTO, describe, pose_checks, scene_checks, world_checks
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -362,7 +362,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
-    return IngestScene(found, turn, (*of_scene, *checks))
+    return IngestScene(found, turn, (*of_scene, *checks, *pose_checks(cameras)))
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:

@@ -696,6 +696,11 @@ VERDICT: dict[str, Message] = {
         "state the unit of the calibration ({option[calibration_unit]}), or, if all have one pose, calibrate "
         "extrinsics",
     ),
+    "cameras-same-pose": Message(
+        W,
+        "cameras {sensors} have exactly the same pose",
+        "check whether the extrinsics of one were copied to the other",
+    ),
     "principal-point-off": Message(
         W,
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",

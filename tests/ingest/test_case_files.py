@@ -99,3 +99,34 @@ def test_frames_that_true_boxes_in_xml_do_not_list_are_noted(
         assert run(["ingest", "-o", out, *words, "--allow-uncalibrated"]) == ExitCode.DONE
         noted = "true boxes of camera a: 6 of 9 frames are not in the file" in capsys.readouterr().err
         assert noted == (name == "parts")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("b.csv", b"PK\x03\x04\x14\x00\x06\x00", "a ZIP archive, as of Excel"),
+        (
+            "b.json",
+            b'{"annotations": [{"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]}]}',
+            "COCO without images",
+        ),
+        ("b.json", b'{"annotations": [{"result": []}], "id": 1}', "JSON of Label Studio"),
+    ],
+)
+def test_other_content_than_boxes_is_refused_with_its_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: bytes, words: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    given = ["--boxes", f"a={tmp_path / name}", "--fps", "10", "--allow-uncalibrated"]
+    assert run(["ingest", "-o", str(tmp_path / "o.mcap"), *given]) == ExitCode.BAD_INPUT
+    assert words in capsys.readouterr().err
+
+
+def test_calibrated_cameras_without_boxes_are_noted(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = shared_cases / "v02-one-camera-inverted"
+    words = ["--boxes", f"left={case / 'left.csv'}", "--boxes", f"right={case / 'right.csv'}", "--fps", "10"]
+    words += [w for name in ("left", "right", "back") for w in ("--calibration", f"{case / name}.yaml")]
+    assert run(["ingest", "-o", str(tmp_path / "w.mcap"), *words]) == ExitCode.DONE
+    assert "calibration: no boxes or images of back, which" in capsys.readouterr().err

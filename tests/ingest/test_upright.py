@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from occlog.cli.main import run
 from occlog.core.geometry.camera import angles_from_rotation, is_upright
 from occlog.errors import ExitCode, InputError, UsageError
-from occlog.ingest.rig import scene_checks, world_checks
+from occlog.ingest.rig import pose_checks, scene_checks, world_checks
 from occlog.ingest.scene import find_turn, read_up
 from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import read_calibration
@@ -422,3 +422,10 @@ def test_angles_of_a_scene_in_another_unit_or_sense_are_named(how: str) -> None:
     found = [check for check in scene_checks([as_stated(each, how) for each in rig]) if check.found]
     assert [check.id for check in found] == (["scene-angles-fit-if"] if how else [])
     assert all(how in check.text for check in found)
+
+
+def test_a_copied_pose_is_named_with_both_cameras() -> None:
+    copied = replace(CAMERAS[0], name="copy")
+    (check,) = pose_checks([*CAMERAS, copied])
+    assert (check.id, check.sensors) == ("cameras-same-pose", (CAMERAS[0].name, "copy"))
+    assert not any(each.found for each in pose_checks(CAMERAS))

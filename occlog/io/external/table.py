@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.console.notes import note_once
 from occlog.errors import InputError
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
@@ -127,11 +130,15 @@ class ExternalTable:
         layout = self.layout_of(table)
         check_fits(self.source, layout)
         frames = _FrameCount()
+        zeros = _Zeros()
         for part in self._in_order(layout):
             made = _as_table(self.source, table, _filled(part, table, frames), part["_row"])
             if has_all_columns(table):
                 _check_copies(self.source, made, part["_row"])
+            if isinstance(made, Tracks | Truth):
+                zeros.add(np.hypot(made.x, made.y), part["_row"].astype(np.int64))
             yield made
+        zeros.warn(self.source.path)
 
     def _in_order(self, layout: TableLayout) -> Iterator[Values]:
         """Yield the column values (by table column) sorted by time, in parts that do not split a time.
@@ -405,6 +412,48 @@ def _every_table() -> tuple[type[ColumnTable], ...]:
     """All table types; the first has priority if a file fits several equally well."""
     first = (Tracks, Truth, Bearings, Doa, Boxes)
     return (*first, *(table for table in TABLES.values() if table not in first))
+
+
+MIN_ZEROS, MAX_ZERO_SHARE, ZERO_GAP = 3, 0.5, 0.05
+"""Number of positions at exactly (0, 0) from which they are reported, and share up to which they are; least distance of
+all others from there, over the largest one: a target that is there is also nearby."""
+
+
+@dataclass
+class _Zeros:
+    """Count of positions that are exactly (0, 0), as programs write it for missing ones.
+
+    Attributes:
+        count: number of positions.
+        zeros: number of those at (0, 0).
+        first: row of the first of these.
+        near, far: least and largest distance of the others from (0, 0).
+    """
+
+    count: int = 0
+    zeros: int = 0
+    first: int = -1
+    near: float = math.inf
+    far: float = 0.0
+
+    def add(self, away: Floats, rows: Ints) -> None:
+        """Add positions at the distances `away` (n,) from (0, 0), of the rows (n,) of the file."""
+        zero = away == 0.0
+        self.count += len(away)
+        self.zeros += int(np.count_nonzero(zero))
+        if self.first < 0 and zero.any():
+            self.first = int(rows[zero].min())
+        others = away[~zero & np.isfinite(away)]
+        self.near = min(self.near, float(others.min(initial=math.inf)))
+        self.far = max(self.far, float(others.max(initial=0.0)))
+
+    def warn(self, path: Path) -> None:
+        """Warn of positions in the file `path` that seem to be missing ones."""
+        if MIN_ZEROS <= self.zeros <= MAX_ZERO_SHARE * self.count and self.near > ZERO_GAP * self.far:
+            note_once(
+                f"warning: {path}: {self.zeros} of {self.count} positions are exactly (0, 0), the first in row "
+                f"{self.first} (from 0): if they are missing, remove these rows"
+            )
 
 
 class _FrameCount:

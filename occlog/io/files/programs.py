@@ -36,6 +36,10 @@ def _program(words: str, remedy: str, *parts: bytes, begin: bytes = b"") -> Unre
 
 _XML, _JSON = rb"(?:\xef\xbb\xbf)?\s*(?=<)", rb"(?:\xef\xbb\xbf)?\s*[\[{]"
 PROGRAMS = (
+    _program("a web page", "download the file itself", begin=rb"(?:\xef\xbb\xbf)?\s*<(?:!(?i:doctype) )?(?i:html)\b"),
+    _program(
+        "a pointer of Git LFS in place of a file", "fetch the file (git lfs pull)", begin=rb"version https://git-lfs"
+    ),
     _program("XML of UA-DETRAC", BOXES, rb"<sequence\b", rb"<target_list", begin=_XML),
     _program("XML of Pascal VOC", BOXES, rb"<annotation\b", rb"<(?:filename|size|object)>", begin=_XML),
     _program("XML of Metashape", CAMERAS, rb"<document\b", rb"<sensors?\b", begin=_XML),

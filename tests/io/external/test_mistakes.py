@@ -14,7 +14,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, did_you_mean
 from occlog.io.open import open_input
-from occlog.records.tables import Bearings, Boxes, Doa, Truth
+from occlog.records.tables import Bearings, Boxes, Doa, Tracks, Truth
 
 
 def text(path: Path, *lines: str) -> Path:
@@ -360,3 +360,13 @@ def test_ticks_of_100_ns_are_no_nanoseconds(tmp_path: Path, epoch: int, program:
     path = text(tmp_path / "t.csv", "time,id,x,y", *(f"{t},1,0,0" for t in ticks))
     with pytest.raises(InputError, match=program):
         open_input(path).read(Truth)
+
+
+@pytest.mark.parametrize(("lost", "reported"), [("0,0", True), ("0.01,0", False)])
+def test_missing_positions_that_are_written_as_zero_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lost: str, reported: bool
+) -> None:
+    rows = [f"{t},1,{lost}" if 20 <= t < 25 else f"{t},1,{3 + 0.01 * t:.2f},2.5" for t in range(60)]
+    opened = open_input(text(tmp_path / "t.csv", "time,id,x,y", *rows))
+    assert len(opened.read(Tracks)) == 60
+    assert ("5 of 60 positions are exactly (0, 0), the first in row 20" in capsys.readouterr().err) == reported

@@ -14,6 +14,8 @@ from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.open import open_input
 
 NOT_READ = {
+    "web page": "<!DOCTYPE html>\n<html><body>404</body></html>",
+    "Git LFS": "version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 12\n",
     "UA-DETRAC": '<sequence name="a"><frame density="1" num="1"><target_list><target id="1">',
     "Pascal VOC": "<annotation>\n<filename>1.jpg</filename><size><width>5</width></size><object>",
     "LabelMe": '{"version": "5.4.1", "flags": {}, "shapes": [{"label": "person", "shape_type": "rectangle"}]}',

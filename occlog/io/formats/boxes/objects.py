@@ -56,6 +56,14 @@ def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
     value = _load(path)
     if isinstance(value, dict) and isinstance(value.get("images"), list):
         return _coco(path, value, camera)
+    if isinstance(value, dict) and isinstance(value.get("annotations"), list) and "images" not in value:
+        boxes = [each for each in value["annotations"] if isinstance(each, dict) and "image_id" in each]
+        if boxes:
+            raise InputError(
+                f"{path}: is COCO without images, whose names state the frames; add them, or write the list of "
+                "annotations alone",
+                id="missing-column",
+            )
     if isinstance(value, dict):
         value = [value]
     if value and all(isinstance(part, list) for part in value):

@@ -19,6 +19,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, abridged, option
+from occlog.io.files.limits import describe_unsupported
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
@@ -747,6 +748,8 @@ def is_json(probe: Probe) -> bool:
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 
+ZIP_MAGIC = b"PK\x03\x04"
+"""First bytes of a ZIP archive, and of a workbook of Excel."""
 BoxFormat = FileFormat[Callable[[Path, BoxReadOptions], BoxSource]]
 FORMATS: dict[str, BoxFormat] = {
     "wildtrack": BoxFormat(open_annotations, "WILDTRACK: a folder with one JSON file a frame", is_annotations),
@@ -764,6 +767,8 @@ FORMATS: dict[str, BoxFormat] = {
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
     """Open a box file in the format that its content shows; labels of cameras may mean `known` (names in use)."""
     probe = Probe(file.path, WHAT)
+    if file.path.is_file() and reader_of(file.path) is None and probe.start[:4] == ZIP_MAGIC:
+        raise InputError(f"{file.path}: is {describe_unsupported(file.path)}", id="unsupported-format")
     name = recognise(FORMATS, probe)
     assert name is not None
     if name == "csv":

@@ -476,14 +476,14 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
 
 
 def parse_hop(text: str) -> Fraction:
-    """Parse a hop length [s], a number or a quotient such as 128/16000; UsageError unless above 0 and at most 10."""
+    """Parse a hop length [s], a number or a quotient such as 128/16000; UsageError unless above 0 and at most 1."""
     try:
         value = Fraction(text.replace(" ", ""))
     except (ValueError, ZeroDivisionError):
         value = Fraction(0)
-    if not 0 < value <= 10:
+    if not 0 < value <= 1:
         raise UsageError(
-            f"{option('odas_hop')} {text}: expected seconds above 0 and at most 10, for example 0.008 or 128/16000"
+            f"{option('odas_hop')} {text}: expected seconds above 0 and at most 1, for example 0.008 or 128/16000"
         )
     return value
 

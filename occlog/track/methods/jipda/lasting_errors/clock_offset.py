@@ -92,7 +92,7 @@ def clock_drifts(history: Floats, t_s: Floats) -> tuple[Floats, Floats]:
     """Return the drifts (C,) of the clocks [s/s], 0 if not significant, and their significance limits (C,) [s/s].
 
     Each clock has an offset that is linear in time. Drifts are relative to the median, or to the first of two cameras;
-    errors of velocities make them too small, by a tenth to two fifths. Without `MIN_BATCHES` over `MIN_DRIFT_S`, or
+    errors of velocities can make them too small, by up to two fifths. Without `MIN_BATCHES` over `MIN_DRIFT_S`, or
     with fewer than two cameras, drifts are 0 and limits infinite.
 
     Args:
