@@ -49,6 +49,8 @@ PRIOR_SIGMAS = 100.0
 """Prior standard deviation of errors, in standard deviations of the ranges."""
 MAX_BLOCKS = 256
 """Sums of windows that are kept; neighbours are added where there are more."""
+MIN_SENSORS = 3
+"""Sensors and stations that measure in a window; two always agree on a position."""
 MIN_BLOCKS = 8
 """Windows that are needed."""
 MAX_STATIONS = 40
@@ -130,11 +132,11 @@ class RangeBiases:
             found = [
                 np.column_stack([at, residual, gradient, sigma, self._columns_of(station)])[_usable(station, residual)]
             ]
-            for one in stated:
+            for sensor, one in enumerate(stated):
                 if one.target == number and one.sensor in self._origin and len(one.residual):
                     index = np.searchsorted(track.t_ns, one.t_ns)
                     off, slope = linearised_bearings(one, self._origin[one.sensor], xy[index], path[index])
-                    columns = [seconds[index], off, slope, one.sigma, np.full(len(off), -1.0)]
+                    columns = [seconds[index], off, slope, one.sigma, np.full(len(off), -1.0 - sensor)]
                     keep = (one.sigma <= MAX_SIGMA_RAD) & _usable(np.zeros(len(off), dtype=np.int64), off)
                     found.append(np.column_stack(columns)[keep])
             everything = np.concatenate(found)
@@ -157,11 +159,11 @@ class RangeBiases:
 
         Args:
             rows: (N, 6) time [s], residual and its gradient by x and y in standard deviations, the standard deviation,
-                and the column of the station; -1: not a range.
+                and the column of the station; below 0: another number of each sensor with bearings.
         """
         column = rows[:, 5].astype(np.int64)
         own = np.flatnonzero(column >= 0)
-        if not len(own):
+        if not len(own) or len(np.unique(column)) < MIN_SENSORS:
             return
         # Eliminate position and velocity
         G, after = rows[:, 2:4], rows[:, 0] - rows[:, 0].mean()
@@ -196,7 +198,7 @@ class RangeBiases:
         large = (np.abs(size) > MIN_SIGMAS * error) & (np.abs(size) > limit)
         if large.any():
             columns = zip(names, size.tolist(), error.tolist(), limit.tolist(), large.tolist(), strict=True)
-            return [RangeBias(*one) for *one, matters in columns if matters]
+            return [RangeBias(name, value, sigma, least) for name, value, sigma, least, matters in columns if matters]
         out: list[RangeBias] = []
         taken: list[int] = []
         while len(taken) < min(MAX_FOUND, S):
@@ -207,7 +209,7 @@ class RangeBiases:
             if best < 0 or gain[best] < MIN_SIGMAS**2 or abs(fits[best][0]) < limit[best]:
                 break
             rivals = tuple(names[s] for s in tried if s != best and gain[s] > gain[best] - RIVAL_GAIN)
-            out.append(RangeBias(names[best], *fits[best], float(limit[best]), rivals))
+            out.append(RangeBias(names[best], fits[best][0], fits[best][1], float(limit[best]), rivals))
             taken.append(best)
         return out
 

@@ -266,14 +266,17 @@ class SystematicErrors:
         limit = MAX_VARIANCE + turns**2 * self._scale[:S] / np.maximum(self._counts, 1.0)
         return [(names[n], math.sqrt(variance)) for n, variance in self._noise.found(limit)]
 
-    def checks(self, unless: str = "") -> tuple[Check, ...]:
+    def checks(self, unless: str = "", *, ranges: bool = False) -> tuple[Check, ...]:
         """Return the checks of systematic errors and of noise, with findings for single sensors.
 
         Errors of yaws and clocks make bearings scatter, too: noise is not judged where such an error is found.
-        `unless` is why the noise is not judged; empty: it is.
+
+        Args:
+            unless: why the noise is not judged; empty: it is.
+            ranges: stations measured, too, so that two sensors with bearings are not alone.
         """
         few = "too few bearings of three sensors at one time" if self._freedom < MIN_FREEDOM else ""
-        found = outcome(SYSTEMATIC, () if few else self._findings(), unless=few)
+        found = outcome(SYSTEMATIC, () if few or (ranges and not self._verified) else self._findings(), unless=few)
         unless = unless or ("" if self._noise.judged else "too few bearings of several sensors within a second")
         unless = "a sensor is off" if any(check.status == "failed" for check in found) else unless
         noisy = () if unless else self.noisy()

@@ -143,7 +143,7 @@ class TrackSummary:
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         against = "bearings contradict the motion" if any(check.found for check in labels) else ""
-        sensors = () if self.joint else self.sensors.checks(unless=against)
+        sensors = () if self.joint else self.sensors.checks(unless=against, ranges=self.ranges is not None)
         if self.ranges is not None:
             sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
         off = "a sensor is off" if any(check.status == "failed" for check in sensors) else ""

@@ -10,7 +10,14 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, RangeMeasurements, log_likelihood
+from occlog.filtering.likelihood.distances import (
+    DIFFERENCE,
+    LOGARITHM,
+    RANGE,
+    RangeMeasurements,
+    log_likelihood,
+    no_measurements,
+)
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan, ScanMeasurements
 from occlog.track.methods.map import lines_and_distances as mixed
@@ -22,7 +29,7 @@ from occlog.track.methods.map.method import METHOD
 from occlog.track.methods.map.record import after, fill, join, record_of
 from occlog.track.methods.map.search.problem_of_record import begin, problem_of
 from occlog.track.methods.map.search.start import ConsensusPath
-from occlog.track.methods.map.search.window_modes import mode_starts
+from occlog.track.methods.map.search.window_modes import ClimbScale, WindowMeasurements, _climbed, mode_starts
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])
@@ -203,3 +210,20 @@ def test_states_without_any_measurement_that_are_left_of_a_lag_follow_the_motion
     assert len(xy) == 12
     # At constant velocity, which is known to 0.1 m/s after 3 s
     assert np.hypot(*(xy - path).T).max() < 1.5
+
+
+def test_modes_that_climb_into_a_camera_have_a_regular_hessian() -> None:
+    """Lines of sight outweigh the prior beyond rounding there: without the ridge one of these starts is singular."""
+    none, both = np.zeros(0, dtype=np.int64), np.zeros(2, dtype=np.int64)
+    lines = np.array(
+        [
+            [0.0, 0.0, 0.8299268624598489, 0.557872210248504, 2.3e-5, 0.0],
+            [0.0, 0.0, 0.8245220826911754, 0.5658297757759011, 2.3e-5, 0.0],
+        ]
+    )
+    seconds = (np.array([-0.3, 0.3]), np.zeros(0))
+    rows = WindowMeasurements(lines, no_measurements(3.7), (both, none), seconds, both[:1], 0.1)
+    for k in range(1, 200):
+        start = 10.0 ** (-k / 12) * np.array([[0.83, 0.56]])
+        found = _climbed(rows, ClimbScale(0.3, 1.0, 10.0, None), both[:1], start)
+        assert np.isfinite(found.cost).all()

@@ -42,6 +42,8 @@ MAX_LOG_GAP = 20.0
 """Modes, and paths, with a log probability below the best one minus this are omitted."""
 MERGE_SIGMAS = 1.0
 """Modes nearer to a better one, in its standard deviations, are the same."""
+RELATIVE_RIDGE, AXES = 1e-12, np.arange(4)
+"""Share by which diagonals of Hessians are enlarged, which are singular by rounding at a sensor; and their indices."""
 MAX_SOURCES = 3
 """Sensors and stations of a window, at most, of which mirror images of modes are tried."""
 CELLS = (0.5, 0.25, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -235,6 +237,7 @@ def _climbed(rows: WindowMeasurements, scale: ClimbScale, window: Ints, xy: Floa
         pull = score_and_information(residual / root, pairs.errors.widened(variance))
         gradient /= root[:, None]
         H = prior + _sums(pairs.node, pull.weight, gradient, gradient, len(x))
+        H[:, AXES, AXES] *= 1.0 + RELATIVE_RIDGE
         g = _sums(pairs.node, pull.slope, gradient, np.ones((len(gradient), 1)), len(x))[..., 0]
         g[:, 1::2] -= x[:, 1::2] * prior[1, 1]
         step = np.linalg.solve(H, g[..., None])[..., 0]
