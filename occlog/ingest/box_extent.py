@@ -108,12 +108,15 @@ class BoxExtents:
         """
         known_size = any(name in self._sizes for name, _ in self._counts)
         none = "" if known_size or self._counts else "no boxes of images of a stated size"
-        found = self._found(known, given) if known_size else iter(())
-        return outcome(EXTENTS, chain(self._found_wide(), self._found_identical(), found), unless=none)
+        found = [*self._found(known, given)] if known_size else []
+        # Corners for sizes make boxes wide, too
+        explained = {name for each in found if each.id == "boxes-corners" for name in each.sensors}
+        return outcome(EXTENTS, chain(self._found_wide(explained), self._found_identical(), found), unless=none)
 
-    def _found_wide(self) -> Iterator[Check]:
-        """Yield a finding on the cameras with boxes that are mostly wider than high."""
-        counts = {name: int(self._counts[name, 0].sum()) for name in self._wide if name in self._upright}
+    def _found_wide(self, explained: Collection[str]) -> Iterator[Check]:
+        """Yield a finding on the cameras with boxes that are mostly wider than high, but for those in `explained`."""
+        upright = set(self._upright) - set(explained)
+        counts = {name: int(self._counts[name, 0].sum()) for name in self._wide if name in upright}
         shares = {name: self._wide[name] / count for name, count in counts.items() if count >= MIN_SHAPES}
         names = [name for name, share in shares.items() if share >= MIN_WIDE]
         if names:

@@ -98,6 +98,10 @@ def test_corners_for_sizes_are_named_with_the_camera() -> None:
     wrong = replace(right[1], width_px=far[1][0], height_px=far[1][1])
     (check,) = found(dict.fromkeys("ab", SIZE), [right[0], wrong])
     assert (check.id, check.sensors) == ("boxes-corners", ("b",))
+    extents = BoxExtents(dict.fromkeys("ab", SIZE), upright=["a", "b"])
+    for table in (right[0], wrong):
+        extents.add(table)
+    assert [check.id for check in extents.checks(()) if check.found] == ["boxes-corners"]
     # Of larger images, and not of corners
     (check,) = found({"a": (960, 540)}, [boxes("a", rng, SIZE)])
     assert check.id == "boxes-end-beyond"
