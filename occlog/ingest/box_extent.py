@@ -66,7 +66,7 @@ class BoxExtents:
 
         Args:
             sizes: width and height [px] of the images by camera.
-            upright: cameras in whose images standing people are higher than wide, if the boxes are of people.
+            upright: cameras with images in which standing people are higher than wide, if the boxes are of people.
         """
         self._sizes, self._upright = sizes, upright
         self._wide: dict[str, int] = {}  # boxes that are wider than high by `WIDE`

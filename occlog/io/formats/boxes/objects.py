@@ -60,7 +60,7 @@ def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
         boxes = [each for each in value["annotations"] if isinstance(each, dict) and "image_id" in each]
         if boxes:
             raise InputError(
-                f"{path}: is COCO without images, whose names state the frames; add them, or write the list of "
+                f"{path}: is COCO without images, and their names state the frames; add them, or write the list of "
                 "annotations alone",
                 id="missing-column",
             )
