@@ -78,7 +78,7 @@ def test_a_recording_of_one_table_gives_it_by_name(tmp_path: Path) -> None:
         (bearings_frame().assign(station="nroth"), "bearings: row 0: .*did you mean 'north'"),
         (bearings_frame().assign(sigma_deg=-1.0), "bearings: row 0: sigma_deg is -1; it must be above 0"),
         ({"time": np.zeros(2), "station": ["a"]}, "bearings: this value makes no table"),
-        (pa.array([1.0]), "bearings: is a DoubleArray; give a file"),
+        (pa.array([1.0]), "bearings: is of type DoubleArray; give a file"),
         (bearings_frame().iloc[:0], "bearings"),
     ],
 )
