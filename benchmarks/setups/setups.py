@@ -9,8 +9,8 @@ of all files of a kind.  A fault counts as named if the first warning of `ingest
 names its cause, and the camera (of two that are late to each other, or exchanged: one of them); a note that a camera is
 rotated counts as a last warning.  A sound set-up counts as an alarm if there is any warning; such notes, of less than a
 degree, are none.  Identity switches that are stated and happen are no alarm, and no answer.  Seeds 20,000 to 31,999,
-60,000 to 64,999, 200,000 to 204,999, 300,000 to 304,999, 360,000 to 364,999, 370,000 to 384,999 and 390,000 to 405,999
-were used in development.
+60,000 to 64,999, 200,000 to 204,999, 300,000 to 304,999, 360,000 to 364,999, 370,000 to 384,999, 390,000 to 424,999,
+640,000 to 646,999 and 730,000 to 736,999 were used in development.
 """
 
 from __future__ import annotations

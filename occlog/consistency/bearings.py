@@ -117,6 +117,8 @@ CONVENTION = "angle convention"
 """Name of the check."""
 MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
+NEAR = 0.2
+"""Distance of a source from a station over the median one from the others, below which its bearing is arbitrary."""
 
 
 class _Angles(NamedTuple):
@@ -176,6 +178,7 @@ class AngleConventionCheck:
         """Start with the arrays of a scene and no scans."""
         self._arrays = {a.name: a for a in scene.arrays}
         self._steps: list[_Angles] = []
+        self._near = 0  # time steps of a source at a station
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         """Generate the chunks unchanged, and collect their bearings for the check."""
@@ -190,6 +193,8 @@ class AngleConventionCheck:
             return outcome(
                 CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
             )
+        if 2 * self._near > len(self._steps):
+            return outcome(CONVENTION, (), unless="sources are at a station")
         plain = self._misfit(lambda angles: angles)
         if plain <= MIN_MISFIT_RAD2:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
@@ -245,7 +250,33 @@ class AngleConventionCheck:
                 arrays = [self._arrays[name] for name in names]
                 positions = np.array([each.position[:2] for each in arrays], dtype=np.float64)
                 yaw = np.array([each.yaw for each in arrays])
+                self._near += len(names) > 2 and not _away_from_all(positions, own.bearing[rows])
                 self._steps.append(_Angles(positions, yaw, own.bearing[rows], names))
+
+
+def _away_from_all(positions: Floats, bearings: Floats) -> bool:
+    """Return whether no station is near the position that the lines of the others have.
+
+    Near is below `NEAR` of the median distance of the others: bearings of a source at the station are arbitrary.
+
+    Args:
+        positions: (n, 2) where the lines begin, n >= 3.
+        bearings: (n,) directions of the lines [rad].
+    """
+    for n in range(len(positions)):
+        others = np.arange(len(positions)) != n
+        away = _intersection(positions[others], bearings[others]) - positions
+        distance = np.hypot(*away.T)
+        if distance[n] < NEAR * np.median(distance[others]):
+            return False
+    return True
+
+
+def _intersection(positions: Floats, bearings: Floats) -> Floats:
+    """Return the position (2,) nearest to all lines from `positions` (n, 2) in directions `bearings` (n,) [rad]."""
+    across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
+    normal, right = across.T @ across, across.T @ np.sum(across * positions, axis=1)
+    return np.asarray(np.linalg.pinv(normal) @ right)
 
 
 def misfit(positions: Floats, bearings: Floats) -> float:
@@ -257,9 +288,7 @@ def misfit(positions: Floats, bearings: Floats) -> float:
         positions: (n, 2) where the lines begin, n >= 2.
         bearings: (n,) directions of the lines [rad].
     """
-    across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
-    normal, right = across.T @ across, across.T @ np.sum(across * positions, axis=1)
-    away = np.linalg.pinv(normal) @ right - positions
+    away = _intersection(positions, bearings) - positions
     off = (bearings - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2.0 * np.pi) - np.pi
     return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import sys
 from pathlib import Path
@@ -168,3 +169,14 @@ def test_a_channel_without_a_signal_is_named(
     assert "microphone 3 has under 1% of the level of the others" in capsys.readouterr().err
     found = read_table(tmp_path / "doa.parquet", Doa)
     np.testing.assert_allclose(np.degrees(found.azimuth), 60.0, atol=3.0)
+
+
+def test_a_channel_that_is_late_is_named_with_its_samples(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = shared_cases / "c05_wav_late_channel"
+    words = ["--arrays", f"table={case / 'mics.csv'}", str(case / "w_late.wav"), "-o", str(tmp_path / "doa.parquet")]
+    assert run(["listen", *words, "--json", "-q"]) == ExitCode.DONE
+    (found,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert found["id"] == "microphone-late"
+    assert re.search(r"microphone 3 is 25[4-8] samples late", found["message"])

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from occlog.cli.main import run
 from occlog.consistency.estimates import covariances
 from occlog.core.geometry.camera import wrap_angle
 from occlog.core.metrics.errors import normalised_squared_errors
+from occlog.errors import ExitCode
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.records.tables import Bearings, Tracks
 from occlog.settings import configure
@@ -69,3 +74,13 @@ def test_the_iterated_filter_goes_on_next_to_a_sensor_and_is_honest() -> None:
     # Errors of one run are those of one draw for seconds: its mean square of two degrees of freedom is up to 5 or so
     assert np.median(squares) < 3.0
     assert np.max(squares) < 9.0
+
+
+def test_the_command_names_the_sensor_and_no_other_convention_or_noise(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(shared_cases / "iekf_crash.csv"), "--scene", str(shared_cases / "iekf_crash.yaml"), "--seed", "9"]
+    out = ["-o", str(tmp_path / "x.parquet"), "--json", "-q"]
+    assert run(["track", *words, "--method", "iekf", *out]) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    assert [(each["id"], each["sensors"]) for each in summary["warnings"]] == [("measurements-rejected", ["s0"])]
