@@ -242,6 +242,7 @@ def _camera(
         centre=centre,
         image_size=model.size,
         lens=model.lens,
+        binned_aspect=model.binned_aspect,
     )
     return build_camera(pose, where, options)
 

@@ -45,6 +45,7 @@ class Intrinsics(NamedTuple):
         lens: distortion as stated; none for rectified images.
         turn: (3, 3) rotation from the camera's frame to that of the (rectified) images.
         shift: offset [m] of the camera to the right of the frame that a stereo pair shares, by its matrix P.
+        binned_aspect: ratio of the focal lengths y and x that binning makes of equal ones.
     """
 
     focal_px: Floats
@@ -53,6 +54,7 @@ class Intrinsics(NamedTuple):
     lens: Lens
     turn: Floats
     shift: float
+    binned_aspect: float = 1.0
 
 
 def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics | None:
@@ -83,6 +85,7 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
         )
     region = region_of(info.size, info.binning, info.roi, where)
     focal, principal = region.intrinsics(np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2])
+    binned = float(region.scale[1] / region.scale[0])
     if rectified:
         turn = info.r if info.r.any() else np.eye(3)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -92,14 +95,14 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
                 f"{where}: its matrix R is not a rotation; give a calibration file or a scene", id="invalid-calibration"
             )
         shift = -float(info.p[0, 3]) / float(matrix[0, 0])
-        return Intrinsics(focal, principal, region.size, Lens(), turn, shift)
+        return Intrinsics(focal, principal, region.size, Lens(), turn, shift, binned)
     if not np.isfinite(info.distortion).all():
         raise InputError(
             f"{where}: its distortion {info.distortion.tolist()} is not finite; give a calibration file or a scene",
             id="invalid-calibration",
         )
     lens = lens_of(info.model, info.distortion, where)
-    return Intrinsics(focal, principal, region.size, lens, np.eye(3), shift=0.0)
+    return Intrinsics(focal, principal, region.size, lens, np.eye(3), 0.0, binned)
 
 
 _GREY = ("mono8", "8UC1")

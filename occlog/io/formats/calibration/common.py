@@ -81,6 +81,7 @@ class Pose:
         centre: (3,) camera centre [m].
         image_size: width and height [px], None if not stated.
         lens: the distortion.
+        binned_aspect: ratio of the focal lengths y and x that binning as stated makes of equal ones.
     """
 
     name: str
@@ -90,6 +91,7 @@ class Pose:
     centre: Floats
     image_size: tuple[int, int] | None
     lens: Lens = Lens()
+    binned_aspect: float = 1.0
 
 
 def keys_of(*texts: str) -> frozenset[str]:
@@ -232,7 +234,7 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
     if reported:
         options.notes.append(f"camera {pose.name}: {reported}")
-    if not 1.0 / MAX_PIXEL_ASPECT < float(focal[1] / focal[0]) < MAX_PIXEL_ASPECT:
+    if not 1.0 / MAX_PIXEL_ASPECT < float(focal[1] / focal[0]) / pose.binned_aspect < MAX_PIXEL_ASPECT:
         found = finding(
             CALIBRATION, "focal-lengths-differ", sensors=[pose.name], fx_px=float(focal[0]), fy_px=float(focal[1])
         )

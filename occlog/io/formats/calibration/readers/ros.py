@@ -231,6 +231,7 @@ def _camera(
         centre=position * scale_of(options, "m"),
         image_size=region.size,
         lens=lens,
+        binned_aspect=float(region.scale[1] / region.scale[0]),
     )
     return build_camera(pose, where, options)
 
