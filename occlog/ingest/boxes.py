@@ -20,6 +20,7 @@ from occlog.io.formats.boxes.rows import in_words
 from occlog.io.frames.streams import are_times, list_images, numbers_of
 from occlog.records.lens import MAX_FISHEYE_DEG
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
+from occlog.records.messages import listed
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 from occlog.records.verdicts import Check
@@ -62,6 +63,8 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
         reported.append(f"class {in_words(found.classes)}")
     if found.left_out:
         reported.append(f"skipped: class {in_words(found.left_out)}")
+    if found.unused:
+        reported.append(f"not used: keys {listed(found.unused)}")
     frames = f"frames {found.first} to {found.stop - 1}"
     steps = {name: each.step for name, each in found.ranges.items()}
     if max(steps.values(), default=1) > 1:

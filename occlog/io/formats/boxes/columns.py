@@ -60,6 +60,8 @@ EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 """Edges in such a column, and our names of them."""
 SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "x (share)", "y (share)", "width (share)", "height (share)"
 """Centre and size in shares of the image's width and height, where a file has these; messages show these names."""
+ROTATED = "is rotated; turned boxes cannot be used: export upright ones"
+"""Message for a box that states a rotation in the image."""
 SIZE_SLACK_PX = 1.5
 """Tolerance between the stated size and the edges of a box [px]: programs treat the last pixel differently."""
 
@@ -101,6 +103,7 @@ class BoxSource(NamedTuple):
         first_number: number of frame 0, if the format states it; None: it does not.
         sizes: width and height [px] of the images that boxes are of, by label of the camera ("" if the user stated the
             camera); empty: not stated.
+        unused: keys of the file that are not used, for a note.
     """
 
     chunks: Iterator[CsvRows]
@@ -109,6 +112,7 @@ class BoxSource(NamedTuple):
     cameras: tuple[str, ...] = ()
     first_number: int | None = None
     sizes: Mapping[str, tuple[int, int]] = MappingProxyType({})
+    unused: tuple[str, ...] = ()
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:

@@ -27,6 +27,7 @@ from .columns import (
     COLUMNS,
     EDGES,
     IGNORED,
+    ROTATED,
     WHAT,
     BoxReadOptions,
     BoxSource,
@@ -40,6 +41,14 @@ BBOX = ("left", "top", "width", "height")
 LABEL_STUDIO = {"annotations", "annotation_id", "annotator", "lead_time"}
 """Keys of tasks of Label Studio, of which its JSON and JSON-MIN have one or more."""
 FRAME_KEYS = ("frame", "frame_id", "frame_index", "frame_number")
+COCO_KEYS = {
+    "images": {"id", "file_name", "width", "height", "camera", "video_id", "t_ns", "license", "flickr_url", "coco_url"}
+    | set(FRAME_KEYS),
+    "annotations": {"id", "image_id", "category_id", "bbox", "area", "iscrowd", "ignore", "segmentation", "keypoints"}
+    | {"num_keypoints", "track_id", "tracker_id", "instance_id", "score", "confidence", "attributes", "rotation"},
+    "videos": {"id", "name", "width", "height", "file_name"},
+}
+"""Keys of the entries of COCO's lists that are used, or do not change a box, its frame or its time."""
 MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() for alias in aliases}
 Record = Mapping[str, Any]
 
@@ -234,7 +243,7 @@ def _image_number(path: Path, n: int, record: Record) -> str:
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
-    """Boxes of a COCO data set; frames and cameras are those of its images, and crowds (`iscrowd`) are left out.
+    """Boxes of a COCO data set; frames and cameras are those of its images; crowds (`iscrowd`, `ignore`) are left out.
 
     Args:
         path: the file.
@@ -269,7 +278,7 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         owner = annotation.get("image_id") if isinstance(annotation, dict) else None
         if not isinstance(owner, int | str) or owner not in images:
             raise InputError(f"{path}: annotation {n}: its image_id is that of no image; correct it")
-        if annotation.get("iscrowd"):
+        if annotation.get("iscrowd") or annotation.get("ignore"):
             continue
         records.append((n, _annotation(path, n, annotation, names) | images[owner]))
     listed: dict[str, list[int]] = {}
@@ -280,7 +289,15 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         (images[image["id"]].get("camera", ""), image.get("width"), image.get("height")) for image in value["images"]
     )
     numbers = {label: np.array(sorted(each), dtype=np.int64) for label, each in listed.items()}
-    return BoxSource(_chunks(path, records), "COCO", numbers, cameras, sizes=sizes)
+    lists = {"annotations": annotations, **{key: value.get(key) for key in ("images", "videos")}}
+    unused = {
+        f"{name}.{key}": None
+        for name, each in lists.items()
+        for entry in (each if isinstance(each, list) else [])
+        for key in (entry if isinstance(entry, dict) else {})
+        if key not in COCO_KEYS[name]
+    }
+    return BoxSource(_chunks(path, records), "COCO", numbers, cameras, sizes=sizes, unused=tuple(unused))
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:
@@ -399,6 +416,8 @@ def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, s
     out = {side: _text(path, n, "bbox", number) for side, number in zip(BBOX, box, strict=True)}
     extra = annotation.get("attributes")
     given = {**(extra if isinstance(extra, dict) else {}), **annotation}
+    if given.get("rotation"):
+        raise InputError(f"{path}: annotation {n}: {ROTATED}", id="unsupported-format")
     identity = next((given[k] for k in ("track_id", "tracker_id", "instance_id") if k in given), None)
     score = next((given[k] for k in ("score", "confidence") if k in given), None)
     category = annotation.get("category_id")

@@ -242,6 +242,7 @@ class BoxSurvey:
         of_files: cameras of each file; a camera is in one.
         sizes: width and height of the images [px] by camera, where files state it.
         restarts: cameras with frame numbers that restart once: line number, and the frames before and after.
+        unused: keys of the files that are not used.
     """
 
     cameras: tuple[str, ...]
@@ -260,6 +261,7 @@ class BoxSurvey:
     of_files: tuple[tuple[str, ...], ...] = ()
     sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     restarts: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     @property
     def first(self) -> int:
@@ -398,6 +400,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         of_files=tuple(found.of_files),
         sizes=found.sizes,
         restarts={name: one for name, each in found.frames.items() if (one := each.restart) is not None},
+        unused=tuple(found.unused),
     )
 
 
@@ -603,6 +606,7 @@ class _BoxScan:
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    unused: dict[str, None] = field(default_factory=dict)
 
     def take(self, name: str, frames: Ints, *, listed: bool = False) -> None:
         """Add frame numbers (n,) of the camera `name`; `listed`: the file lists these frames, with or without boxes."""
@@ -613,6 +617,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
     source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
+    found.unused |= dict.fromkeys(source.unused)
     named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options, {})
     for label, numbers in source.listed.items():
         stated = [file.camera] if file.camera is not None else _matched([label], known, file, options, {})
