@@ -21,7 +21,6 @@ Residuals of an estimate's bearings: which are accepted, and whether residuals a
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -138,7 +137,7 @@ def advance(
             its positions are relative to `pending.origin`.
 
     Raises:
-        InputError: numeric overflow, as of variances beyond all bounds, or a motion that the method cannot use.
+        InputError: the search fails, as with variances beyond all bounds, or a motion that the method cannot use.
     """
     config = pending.config
     # Gather the record so far, with a state at least every `max_state_gap_s`
@@ -159,14 +158,8 @@ def advance(
             spread = spread + sought.biases.spread(T)
         spread = with_rivals(found.solution.X, spread, sought.rivals)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-        numeric = isinstance(error, ArithmeticError | np.linalg.LinAlgError) or re.search(
-            r"\bnans?\b", str(error), re.I
-        )
         raise InputError(
-            f"map: numeric overflow or underflow ({error}); check sigma_px, u_px and sigma of the bearings, and the "
-            "settings of the motion"
-            if numeric
-            else f"map: {error}; check the settings of the motion, and the times of the bearings"
+            f"map: {error}; check sigma_px, u_px and sigma of the bearings, their times, and the settings of the motion"
         ) from error
     # Give out the states that have seen enough after them
     problem, solution, stuck = found.problem, found.solution, sought.stuck
