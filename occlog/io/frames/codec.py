@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from occlog.errors import InputError
+from occlog.io.video.nal import SEQUENCE_PARAMETERS, sequence_parameters, units
 from occlog.records.frames import Image
 
 from ..files.names import utf8_name
@@ -491,92 +492,10 @@ def _h264_size(data: bytes) -> Size | None:
     # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) resemble parameters
     if not b"\0" < data[at + 3 : at + 4] < b"\x80":
         return None
-    while at >= 0 and at + 4 < len(data):
-        if data[at + 3] & 0x9F == 7:
-            stop = data.find(START_CODE, at + 3)
-            content = data[at + 4 : stop if stop >= 0 else len(data)]
+    for unit in units(data[:MAX_SEARCH]):
+        if unit[0] & 0x9F == SEQUENCE_PARAMETERS:
             try:
-                return _parameters(_Bits(content.replace(b"\0\0\3", b"\0\0")))
+                return sequence_parameters(unit).size
             except IndexError:
                 return None
-        at = data.find(START_CODE, at + 3, MAX_SEARCH)
     return None
-
-
-class _Bits:
-    """Reader of bits and Exp-Golomb codes; IndexError at the end."""
-
-    def __init__(self, data: bytes) -> None:
-        self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
-
-    def u(self, n: int) -> int:
-        """Read the next n bits as an unsigned integer; IndexError at the end of the data."""
-        self._left -= n
-        if self._left < 0:
-            raise IndexError
-        return self._value >> self._left & ((1 << n) - 1)
-
-    def ue(self) -> int:
-        """Read the next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1); IndexError at the end of the data."""
-        zeros = 0
-        while not self.u(1):
-            zeros += 1
-        return (1 << zeros) - 1 + self.u(zeros)
-
-    def se(self) -> int:
-        """Read the next signed Exp-Golomb code."""
-        k = self.ue()
-        return (k + 1) // 2 if k & 1 else -k // 2
-
-
-_HIGH_PROFILES = (100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135)
-
-
-def _parameters(bits: _Bits) -> Size:
-    """Width and height, cropped, of an H.264 sequence parameter set (ITU-T H.264 sec. 7.3.2.1.1)."""
-    profile = bits.u(8)
-    bits.u(16)
-    bits.ue()
-    chroma = _high_profile(bits) if profile in _HIGH_PROFILES else 1
-    bits.ue()
-    order = bits.ue()
-    if order == 0:
-        bits.ue()
-    elif order == 1:
-        bits.u(1), bits.se(), bits.se()
-        for _ in range(min(bits.ue(), 255)):
-            bits.se()
-    bits.ue(), bits.u(1)
-    width, height = 16 * (bits.ue() + 1), 16 * (bits.ue() + 1)
-    frames_only = bits.u(1)
-    height *= 2 - frames_only
-    if not frames_only:
-        bits.u(1)
-    bits.u(1)
-    if not bits.u(1):
-        return width, height
-    across = 2 if chroma in (1, 2) else 1
-    down = (2 if chroma == 1 else 1) * (2 - frames_only)
-    left, right, top, bottom = (bits.ue() for _ in range(4))
-    return width - across * (left + right), height - down * (top + bottom)
-
-
-def _high_profile(bits: _Bits) -> int:
-    """Skip the parameters of high profiles in an H.264 sequence parameter set; return `chroma_format_idc`."""
-    chroma = bits.ue()
-    if chroma == 3:
-        bits.u(1)
-    bits.ue(), bits.ue(), bits.u(1)
-    if bits.u(1):
-        for n in range(8 if chroma != 3 else 12):
-            if bits.u(1):
-                _scaling_list(bits, 16 if n < 6 else 64)
-    return chroma
-
-
-def _scaling_list(bits: _Bits, n: int) -> None:
-    last = following = 8
-    for _ in range(n):
-        if following:
-            following = (last + bits.se()) % 256
-        last = following or last

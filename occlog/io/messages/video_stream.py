@@ -10,7 +10,6 @@ on a missing one.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +31,7 @@ from occlog.io.video.mkv import (
     TYPE,
     VIDEO,
 )
+from occlog.io.video.nal import SEQUENCE_PARAMETERS, HeaderBits, cropped, sequence_parameters, units
 
 JPEG = b"\xff\xd8\xff"
 OTHER_CODECS = ("av1", "vp8", "vp9")
@@ -42,13 +42,8 @@ AVC, HEVC = b"V_MPEG4/ISO/AVC", b"V_MPEGH/ISO/HEVC"
 CODECS = {"h264": AVC, "avc": AVC, "h265": HEVC, "hevc": HEVC}
 """Names of formats in messages, and those of Matroska."""
 WIDTH, HEIGHT, LACING, TRACK_ID = 0xB0, 0xBA, 0x9C, 0x73C5
-HEAD_BYTES = 256
-"""Bytes of a unit that hold its headers."""
 ORDER = "{name} with B frames, which are stored in another order than shown: not read; record it without B frames"
-_START = re.compile(rb"\x00\x00\x01")
 _BEGIN = re.compile(rb"\x00{2,}\x01")
-_WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
-"""Profiles of H.264 that state their chroma format."""
 
 
 def is_video(encoding: str) -> bool:
@@ -99,7 +94,7 @@ class StreamReader:
         """
         pictures: list[AccessUnit] = []
         try:
-            for unit in _units(data):
+            for unit in units(data):
                 found = self._avc_unit(unit) if self._avc else self._hevc_unit(unit)
                 if found is not None:
                     pictures.append(found)
@@ -119,12 +114,12 @@ class StreamReader:
 
     def _avc_unit(self, unit: bytes) -> AccessUnit | None:
         kind, reference = unit[0] & 31, bool(unit[0] & 0x60)
-        if kind == 7:
-            self._avc_parameters(_Bits(unit[1:]))
+        if kind == SEQUENCE_PARAMETERS:
+            self.size, self._number_bits, self._planes, self._fields = sequence_parameters(unit)
             return None
         if kind not in (1, 5):
             return None
-        bits = _Bits(unit[1:])
+        bits = HeaderBits(unit[1:])
         first, slice_kind, _ = bits.golomb(), bits.golomb() % 5, bits.golomb()
         if slice_kind == 1:
             raise StreamOrderError(ORDER.format(name="H.264"))
@@ -144,59 +139,19 @@ class StreamReader:
             self._last = number
         return AccessUnit(key, follows)
 
-    def _avc_parameters(self, bits: _Bits) -> None:
-        profile = bits.number(8)
-        bits.number(16)
-        bits.golomb()
-        chroma, self._planes = 1, False
-        if profile in _WITH_CHROMA:
-            chroma = bits.golomb()
-            self._planes = chroma == 3 and bool(bits.number(1))
-            bits.golomb()
-            bits.golomb()
-            bits.number(1)
-            if bits.number(1):
-                for n in range(12 if chroma == 3 else 8):
-                    if bits.number(1):
-                        _skip_scaling(bits, 16 if n < 6 else 64)
-        self._number_bits = bits.golomb() + 4
-        order = bits.golomb()
-        if order == 0:
-            bits.golomb()
-        elif order == 1:
-            bits.number(1)
-            for _ in range(2):
-                bits.golomb()
-            for _ in range(min(bits.golomb(), 255)):
-                bits.golomb()
-        bits.golomb()
-        bits.number(1)
-        width, height = bits.golomb() + 1, bits.golomb() + 1
-        frames_only = bits.number(1)
-        self._fields = not frames_only
-        if not frames_only:
-            bits.number(1)
-        bits.number(1)
-        crop = [bits.golomb() for _ in range(4)] if bits.number(1) else [0] * 4
-        across, down = (2 if chroma in (1, 2) else 1), (2 if chroma == 1 else 1) * (2 - frames_only)
-        self.size = (
-            16 * width - across * (crop[0] + crop[1]),
-            16 * height * (2 - frames_only) - down * (crop[2] + crop[3]),
-        )
-
     def _hevc_unit(self, unit: bytes) -> AccessUnit | None:
         kind = unit[0] >> 1 & 63
         if kind == 33:
-            self._hevc_parameters(_Bits(unit[2:]))
+            self._hevc_parameters(HeaderBits(unit[2:]))
         elif kind == 34:
-            bits = _Bits(unit[2:])
+            bits = HeaderBits(unit[2:])
             bits.golomb()
             bits.golomb()
             bits.number(1)
             self._output_flag, self._extra_bits = bool(bits.number(1)), bits.number(3)
         if kind > 31:
             return None
-        bits = _Bits(unit[2:])
+        bits = HeaderBits(unit[2:])
         if not bits.number(1):
             return None
         key = 16 <= kind <= 21
@@ -215,7 +170,7 @@ class StreamReader:
         self._last = order
         return AccessUnit(key, True)
 
-    def _hevc_parameters(self, bits: _Bits) -> None:
+    def _hevc_parameters(self, bits: HeaderBits) -> None:
         bits.number(4)
         layers = bits.number(3)
         bits.number(1)
@@ -230,12 +185,10 @@ class StreamReader:
         chroma = bits.golomb()
         self._planes = chroma == 3 and bool(bits.number(1))
         width, height = bits.golomb(), bits.golomb()
-        crop = [bits.golomb() for _ in range(4)] if bits.number(1) else [0] * 4
+        self.size = cropped(bits, width, height, chroma)
         bits.golomb()
         bits.golomb()
         self._number_bits = bits.golomb() + 4
-        across, down = (2 if chroma in (1, 2) else 1), (2 if chroma == 1 else 1)
-        self.size = (width - across * (crop[0] + crop[1]), height - down * (crop[2] + crop[3]))
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
@@ -251,47 +204,6 @@ def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
     reader = StreamReader(encoding)
     reader.read(data)
     return reader.size
-
-
-class _Bits:
-    """Reader of bits at the beginning of a NAL unit, without emulation prevention bytes; IndexError at their end."""
-
-    def __init__(self, unit: bytes) -> None:
-        data = unit[:HEAD_BYTES].replace(b"\0\0\3", b"\0\0")
-        self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
-
-    def number(self, bits: int) -> int:
-        """Read an unsigned number of `bits` bits; IndexError at the end of the data."""
-        if bits > self._left:
-            raise IndexError
-        self._left -= bits
-        return self._value >> self._left & ((1 << bits) - 1)
-
-    def golomb(self) -> int:
-        """Read an unsigned Exp-Golomb code; IndexError at the end of the data."""
-        zeros = 0
-        while not self.number(1):
-            zeros += 1
-            if zeros > 32:
-                raise IndexError
-        return (1 << zeros) - 1 + self.number(zeros)
-
-
-def _skip_scaling(bits: _Bits, size: int) -> None:
-    last = following = 8
-    for _ in range(size):
-        if following:
-            code = bits.golomb()
-            following = (last + (code + 1 >> 1 if code & 1 else -(code >> 1)) + 256) % 256
-        last = following or last
-
-
-def _units(data: bytes) -> Iterator[bytes]:
-    """Yield the NAL units of an Annex B stream (bytes), without their start codes."""
-    begins = [match.end() for match in _START.finditer(data)]
-    for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
-        if begin < end:
-            yield data[begin:end]
 
 
 class StreamFile:
