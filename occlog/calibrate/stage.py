@@ -611,7 +611,7 @@ def _adjusted(
     seen, states = observations(rows, now.clocks, window_s, sizes, body, max_gap_s, shared=shared)
     if not len(seen.time):
         raise InputError(
-            "no person is seen by two cameras for 5 time steps; record people who walk where they overlap",
+            "no person is seen by two cameras for 5 time steps in a row; record people who walk where views overlap",
             id="insufficient-data",
         )
     count = np.bincount(seen.camera, minlength=len(used))

@@ -110,9 +110,9 @@ def _input_units() -> click.Option:
         expose_value=False,
         callback=_state,
         metavar="COLUMN=UNIT,...",
-        help="Units of external columns without a unit in their name: bearing=deg,x=cm, or deg,cm for all angles and "
-        "lengths; for one file, with its name before each: truth.csv:x=mm,truth.csv:t=ms. [default: s, and the scene's "
-        "unit of length; angles must state theirs]",
+        help="Units of columns without a unit in their name, in tables of other programs: bearing=deg,x=cm, or deg,cm "
+        "for all angles and lengths; for one file, with its name before each: truth.csv:x=mm,truth.csv:t=ms. "
+        "[default: s, and the scene's unit of length; angles must state theirs]",
     )
 
 
@@ -141,7 +141,7 @@ def _origin() -> click.Option:
         expose_value=False,
         callback=state_origin,
         metavar=ORIGIN_FORM,
-        help=f"Inputs of latitude and longitude: {ORIGIN_HELP}.",
+        help=f"For inputs in latitude and longitude: {ORIGIN_HELP}.",
     )
 
 

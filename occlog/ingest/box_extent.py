@@ -100,7 +100,7 @@ class BoxExtents:
                 np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
     def checks(self, known: Collection[str], *, given: bool = False) -> tuple[Check, ...]:
-        """Outcome of the check whether images have another size than stated, or boxes another form, as added so far.
+        """Outcome of the check of image sizes and of the meaning of the boxes' four numbers, as added so far.
 
         Args:
             known: cameras with an image size that is known from images or box files, not only from the calibration.

@@ -261,7 +261,8 @@ class IngestPlan(Settings):
     )
     first_number: int | None = option_setting(
         None,
-        "Number that the first frame of a video has in names of images and in tables; it is subtracted from all.",
+        "Number that the first frame of a video has in names of images and in tables; it is subtracted from "
+        "all frame numbers.",
         at_least=0,
         nothing="lowest image; 0 in tables",
     )

@@ -78,7 +78,7 @@ VERDICT: dict[str, Message] = {
         W,
         "{share:.0%} of the rows have fewer than {least:.0f} effective particles (allowed: {allowed:.0%}): their "
         "covariances are too small",
-        "use more particles, or state more noise",
+        "use more particles, or state more measurement noise",
     ),
     "track-loss": Message(
         W,
@@ -129,12 +129,12 @@ VERDICT: dict[str, Message] = {
     "unverified": Message(
         W,
         _ROWS + "only two measurements determine the position, and either may be false",
-        "add stations, or use method apf or map",
+        "add sensors, or use {option[method]} apf or map",
     ),
     "possible-outlier": Message(
         W,
         _ROWS + "an accepted measurement may be false, so that another position would be right",
-        "add stations, or use method apf or map",
+        "add sensors, or use {option[method]} apf or map",
     ),
     "infeasible-constraints": Message(
         W,
@@ -334,7 +334,7 @@ VERDICT: dict[str, Message] = {
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
-        "use more particles, or state more noise",
+        "use more particles, or state more measurement noise",
     ),
     "nees-large": Message(
         W,
@@ -558,7 +558,7 @@ VERDICT: dict[str, Message] = {
     "static-clutter": Message(
         N,
         "camera {sensors}: static objects that are reported as people ({count}) are not tracked",
-        "mask pictures, statues and screens in the images",
+        "mask pictures, statues and screens in the images (black)",
     ),
     "speeds-high": Message(
         W,
@@ -568,7 +568,7 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-low": Message(
         W,
-        "people are too slow: in {count} of {of} path sections of {leg:.2g} {unit} never faster than "
+        "people are too slow: over {leg:.2g} {unit}, in {count} of {of} parts of paths, never faster than "
         "{allowed:.2g} {unit}/s",
         "check the frame rate (ingest --fps) and the unit of times",
     ),
@@ -589,7 +589,7 @@ VERDICT: dict[str, Message] = {
     ),
     "too-many-targets": Message(
         W,
-        "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) are not all people",
+        "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) cannot all be people",
         "give the size of people (occlog detect --person-height-px), or boxes of a detector",
     ),
     "initial-ellipses-unused": Message(
@@ -886,7 +886,7 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors}: detection at about ({u_px:.0f}, {v_px:.0f}) px in {share:.0%} of its frames (noted from "
         "{allowed:.0%})",
-        "if it is a false alarm, mask this position in the images",
+        "if it is a false alarm, mask this position in the images (black)",
     ),
     "microphone-silent": Message(
         W,

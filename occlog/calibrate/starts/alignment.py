@@ -231,7 +231,7 @@ def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
 
 
 def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> PlanarPose:
-    """Refine a pose by least squares over all agreeing positions; unchanged if there are too few.
+    """Refine a pose by least squares over all positions that agree (inliers); unchanged if there are too few.
 
     The clock offset is kept.
 

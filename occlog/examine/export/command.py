@@ -102,7 +102,7 @@ LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}"
     "--quality",
     type=click.IntRange(1, 100),
     default=None,
-    help="Viewers: JPEG quality of images from videos, or downscaled ones. [default: 90]",
+    help="JPEG quality of images from videos, or downscaled ones, in exports for viewers. [default: 90]",
 )
 @click.option(
     "--height",

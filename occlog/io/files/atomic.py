@@ -121,7 +121,7 @@ class OutputGroup:
     """
 
     def __init__(self) -> None:
-        """Start a group without outputs."""
+        """Start a group of outputs that appear all or not at all; it has none yet."""
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:

@@ -75,7 +75,8 @@ def check_input(path: Path, what: str) -> Path:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     except ValueError:  # a zero byte
         raise InputError(
-            f"{str(path)!r}: has the character 0 (NUL), so is no name of a file; {what} was expected", id="not-a-file"
+            f"{str(path)!r}: has the character 0 (NUL), which no name of a file has; {what} was expected",
+            id="not-a-file",
         ) from None
     if status.st_size == 0:
         raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again", id="empty-input")

@@ -12,7 +12,10 @@ from typing import ClassVar
 
 from occlog.settings import METRES, Settings, option_setting, setting
 
-CHANGE = "Process noise of the velocity per axis, accumulated over 1 s. Larger values widen the priors."
+CHANGE = (
+    "Process noise of the velocity per axis, accumulated over 1 s. Larger values widen the priors, the predicted "
+    "distributions of positions."
+)
 
 
 @dataclass(frozen=True)

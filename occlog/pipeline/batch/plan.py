@@ -157,7 +157,7 @@ def _found(pattern: str, results: str) -> list[str]:
     urls = [url for url in find(pattern) if not (results and url.replace(":///", "://").startswith(below))]
     if not urls:
         raise InputError(
-            f"{without_secrets(pattern)}: finds no file; check the pattern, and your permission to list it",
+            f"{without_secrets(pattern)}: finds no file; check the pattern, and your permission to list the folder",
             id="file-not-found",
         )
     return urls

@@ -72,8 +72,8 @@ def downsample(
 ) -> DownsampledTable[T]:
     """Select the rows of a table that are drawn: all rows of every k-th time, and some others.
 
-    The others are those at the times `also`, with `ends` the first and last row of each target, and of errors the
-    largest of each target between kept times.
+    The others are those at the times `also`, with `ends` the first and last row of each target, and, in tables of
+    errors, the row with the largest error of each target between kept times.
 
     Args:
         chunks: the table in the order of time.

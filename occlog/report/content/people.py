@@ -23,7 +23,7 @@ class PeopleCount:
     """Number of tracked people at each of T times.
 
     Attributes:
-        t_ns: (T,) times of the tracks [ns], perhaps also ends of gaps.
+        t_ns: (T,) times of the tracks [ns].
         people: (T,) number of tracks.
         expected: (T,) sum of their existence probabilities.
         seen: (T,) number of those that some camera has a box of.

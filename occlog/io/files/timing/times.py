@@ -391,7 +391,8 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
         raise InputError(
-            f"{rows.path}: column camera has {str(given[0])!r}, but none of {abridged(cameras)}; use these names",
+            f"{rows.path}: column camera has {str(given[0])!r}, which is none of the cameras "
+            f"{abridged(cameras)}; write these names",
             id="missing-column",
         )
     return out

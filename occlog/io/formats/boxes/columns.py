@@ -186,9 +186,9 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
 
 
 def _from_centres(rows: CsvRows) -> CsvRows:
-    """Copy of the rows with `left` and `top` computed from centres and sizes, if they have these.
+    """Copy of the rows with left and top edges computed from centres and sizes, if they have these.
 
-    InputError if they have edges, too.
+    InputError if they have columns `left` or `top`, too.
     """
     cells = dict(rows.cells)
     for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):

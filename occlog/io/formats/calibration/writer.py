@@ -103,7 +103,8 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
         raise InputError(f"the scene has no camera, but {format} describes cameras; add one", id="too-few-sensors")
     if scene.length_unit not in METRES:
         raise InputError(
-            f"lengths are in {scene.length_unit!r}, but {format} requires metres; state length_unit in the scene",
+            f"lengths are in {scene.length_unit!r}, but {format} requires metres; state length_unit in the scene, one "
+            f"of {', '.join(METRES)}",
             id="missing-unit",
         )
     out = []

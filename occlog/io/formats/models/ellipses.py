@@ -138,7 +138,7 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
         if value > longest:
             raise InputError(
                 f"{given.where}: {name} is {value:g}, must be at most {longest:.0f} px, the diagonal of the images of "
-                f"camera {given.sensor}; it is half the ellipse's length"
+                f"camera {given.sensor}; it is a half axis of a person's ellipse"
             )
 
 

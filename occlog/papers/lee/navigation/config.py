@@ -48,8 +48,8 @@ class NavigateConfig(FieldSettings):
     )
     origin: str = option_setting(
         "centre",
-        "Distances of potentials are from the `centre` of round obstacles and people, as in the thesis, or from their "
-        "`border`.",
+        "Repulsive potentials depend on the distance to the `centre` of round obstacles and people, as in [Lee], or to "
+        "their `border`.",
         people="border",
         choices=("centre", "border"),
     )

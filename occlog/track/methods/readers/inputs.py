@@ -161,7 +161,7 @@ class ReadsInput:
         first = next(self._chunks, None)
         if first is None:
             raise InputError(
-                f"{request.bearings}: holds no reads of the chosen tags and readers; choose others "
+                f"{request.bearings}: holds no RFID reads of the chosen tags and readers; choose others "
                 f"({option('target')}, {option('cameras')}, {option('without')})",
                 id="empty-input",
             )

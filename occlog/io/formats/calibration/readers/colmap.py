@@ -100,7 +100,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     if len(lines) > 2 * MAX_IMAGES:
         raise InputError(
             f"{files['images.txt']}: {(len(lines) + 1) // 2} images; each becomes a camera, and at most {MAX_IMAGES} "
-            "are read; name a model of the cameras alone",
+            "are read; give a model with one image for each camera",
             id="input-too-large",
         )
     for line in lines[::2]:
