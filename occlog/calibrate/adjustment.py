@@ -351,7 +351,7 @@ class Adjustment:
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
-    def _equations(self, values: Floats, states: Floats) -> _Equations:
+    def _equations(self, values: Floats, states: Floats) -> _LinearisedFit:
         """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
 
         `values` (C 13 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
@@ -374,7 +374,7 @@ class Adjustment:
         cost += float(0.5 * values @ self.precision @ values)
         cost += self.motion.cost(states) + self._body_cost(values, states)
         weight = np.where(use, (DEGREES + 1.0) / (DEGREES + scaled**2) / self.sigma**2, 0.0)
-        return _Equations(cost, residual, weight, slope, delay, good, values, states)
+        return _LinearisedFit(cost, residual, weight, slope, delay, good, values, states)
 
     def _body_cost(self, values: Floats, states: Floats) -> float:
         first = states[self.seen.first[:-1]]
@@ -383,7 +383,7 @@ class Adjustment:
         speed = first[:, 2:4] / (SIGMA_SPEED * self.body.metre)
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
-    def _camera_slopes(self, equations: _Equations) -> Floats:
+    def _camera_slopes(self, equations: _LinearisedFit) -> Floats:
         """(N, 4, 18) derivatives of the box edges left, top, right, bottom [px] by 13 parameters and 5 common biases.
 
         The parameters are those of the box's camera. By central differences for pose and lens; 0 for parameters that
@@ -412,7 +412,7 @@ class Adjustment:
         out[:, :, DRIFT] = out[:, :, LATE] * (seen.stamps - self.clocks.origin)[:, None]
         return out
 
-    def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
+    def _paths(self, equations: _LinearisedFit, inflate: Floats) -> tuple[Floats, Floats, Floats]:
         """Normal equations of the paths: diagonal blocks (K, 6, 6), blocks below them (K, 6, 6), and right side (K, 6).
 
         `inflate` (4,) are factors of the variances of the edges left, top, right, bottom.
@@ -450,7 +450,7 @@ class Adjustment:
             out[p0:p1] = solved.reshape(p1 - p0, STATE_SIZE, R)
         return out
 
-    def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
+    def _reduced(self, equations: _LinearisedFit, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
         """Normal equations of the cameras after elimination of the paths (Schur complement).
 
         `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,) are factors of the variances of
@@ -488,7 +488,7 @@ class Adjustment:
         s = b - flat.T @ solved[:, :, 0].ravel()
         return _Reduced(0.5 * (S + S.T), s, solved)
 
-    def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
+    def _step(self, equations: _LinearisedFit, damping: float) -> tuple[Floats, Floats]:
         """Damped step: changes (C 13 + 6,) of the parameters, 0 for fixed ones, and of the path states (K, 6).
 
         `damping` is relative to the diagonal of the equations (Levenberg-Marquardt).
@@ -531,14 +531,14 @@ class Adjustment:
                 absorbed = absorbed + self._of_cameras(equations)
             self.motion = self.motion.rescaled(self.states, absorbed)
 
-    def _of_cameras(self, equations: _Equations) -> Floats:
+    def _of_cameras(self, equations: _LinearisedFit) -> Floats:
         """(D,) sums of squares of each density's part of the changes of the motion that the cameras' errors take up."""
         motion, solved = self.motion, self._reduced(equations, 0.0)
         moved = (solved.solved[motion.inner + 1] - motion.transition @ solved.solved[motion.inner])[:, :4, 1:]
         spread = moved @ self._inverse(solved.matrix) @ np.swapaxes(moved, 1, 2)
         return np.array([np.einsum("lij,lik,lkj->", U, spread, U) for U in motion.pushes(self.states)])
 
-    def _absorbed(self, equations: _Equations) -> tuple[Floats, Floats]:
+    def _absorbed(self, equations: _LinearisedFit) -> tuple[Floats, Floats]:
         """Return what the estimated paths take up of the errors of boxes and of the changes of the motion.
 
         Both are estimated by random signs (Hutchinson 1990).
@@ -570,7 +570,7 @@ class Adjustment:
         of_motion = np.einsum("rli,lir->r", pushes, moved[:, :4, PROBES:]).reshape(D, PROBES).mean(axis=1)
         return np.clip(shares, 0.0, 0.9), of_motion
 
-    def _correlation(self, equations: _Equations) -> Floats:
+    def _correlation(self, equations: _LinearisedFit) -> Floats:
         """Variance inflation factors (4,) of the normal equations, of the edges left, top, right, bottom.
 
         Errors of one person in one camera are correlated in time, and those of left and right edges with each other;
@@ -604,7 +604,7 @@ class Adjustment:
         out[np.ix_(free, free)] = scale[:, None] * np.linalg.pinv(part * np.outer(scale, scale), hermitian=True) * scale
         return out
 
-    def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
+    def _covariance(self, equations: _LinearisedFit, correlation: Floats) -> Floats:
         """(C 13 + 6, C 13 + 6) covariance of all parameters, of which the biases of edges have none.
 
         Biases of edges and stated inclinations and heights are consider parameters (Schmidt 1966): they are not
@@ -648,7 +648,7 @@ def _time_factor(x: Floats, group: Ints, total: float) -> float:
     return max(factor, 1.0)
 
 
-class _Equations(NamedTuple):
+class _LinearisedFit(NamedTuple):
     cost: float
     residual: Floats
     weight: Floats

@@ -236,7 +236,7 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
     )
 
 
-class _Fit(NamedTuple):
+class _IntrinsicsFit(NamedTuple):
     """Result of a fit of a camera's intrinsics to V views of a board.
 
     Attributes:
@@ -256,7 +256,7 @@ class _Fit(NamedTuple):
     tilt_deg: float
 
 
-def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fit:
+def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _IntrinsicsFit:
     """Calibrate with two radial coefficients, or with three if these fit clearly better.
 
     InputError if OpenCV finds no solution. `size` is width and height of the images [px].
@@ -279,7 +279,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fi
         normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
         mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
         tilt = float(np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).max()))
-        fits.append(_Fit(matrix, distortion.ravel()[:5], sigma.ravel(), float(rms), per_view.ravel(), tilt))
+        fits.append(_IntrinsicsFit(matrix, distortion.ravel()[:5], sigma.ravel(), float(rms), per_view.ravel(), tilt))
     return fits[1] if fits[1].rms <= K3_GAIN * fits[0].rms else fits[0]
 
 

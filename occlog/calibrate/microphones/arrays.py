@@ -179,7 +179,7 @@ def place_array(array: MicrophoneArray, heard: Directions, paths: Sequence[Path]
     return _placed(out, best, sigma, prior, problem)
 
 
-def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, problem: _Problem) -> ArrayResult:
+def _placed(out: ArrayResult, best: _PoseMaximum, sigma: Floats, prior: ArrayPrior, problem: _Problem) -> ArrayResult:
     """Return the result with the pose, standard deviations and clock offset of a fit.
 
     Args:
@@ -202,7 +202,7 @@ def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, prob
     )
 
 
-class _Fit(NamedTuple):
+class _PoseMaximum(NamedTuple):
     """A local maximum of the likelihood of a microphone array's pose.
 
     `values` (5,): x, y, correction of the yaw [rad], delay of the clock [s], height above mouths; `gain`:
@@ -297,7 +297,7 @@ def _spread(rows: Ints, most: int) -> Ints:
     return np.asarray(rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)])
 
 
-def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
+def _searched(problem: _Problem, prior: ArrayPrior) -> list[_PoseMaximum]:
     """Search for the maxima of the likelihood: from many starts with few directions, then from the best with all.
 
     Returns:
@@ -306,7 +306,7 @@ def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
     part = problem.part()
     first = [_climbed(part, values, FEW_STEPS, ANNEALING) for values in _starts(part, prior)]
     first.sort(key=lambda each: -each.gain)
-    out: list[_Fit] = []
+    out: list[_PoseMaximum] = []
     for each in _distinct(first, problem.metre)[:KEPT]:
         out.append(_climbed(problem, each.values, STEPS, ANNEALING[-1:]))
     out.sort(key=lambda each: -each.gain)
@@ -314,9 +314,9 @@ def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
     return [out[0]._replace(covariance=_covariance(problem, out[0])), *out[1:]] if out else out
 
 
-def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
+def _distinct(fits: Sequence[_PoseMaximum], metre: float) -> list[_PoseMaximum]:
     """Remove from fits, best first, those near to a better one; `metre` is the length of a metre in scene units."""
-    out: list[_Fit] = []
+    out: list[_PoseMaximum] = []
     for each in fits:
         if not any(_near(each.values, other.values, metre) for other in out):
             out.append(each)
@@ -540,7 +540,7 @@ def _late_precision(problem: _Problem) -> float:
     return 4.0 / problem.max_late_s**2 if problem.max_late_s else 1.0
 
 
-def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[float]) -> _Fit:
+def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[float]) -> _PoseMaximum:
     """Local maximum of the likelihood from the parameters `start` (5,), by EM with Gauss-Newton steps; no covariance.
 
     Args:
@@ -570,10 +570,10 @@ def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[f
                 break
     w = _weighed(problem, _terms(problem, values), scale, chance)
     count = float(w.of_person.sum())
-    return _Fit(values, w.gain, count, count / max(len(problem.heard.t_s), 1), scale)
+    return _PoseMaximum(values, w.gain, count, count / max(len(problem.heard.t_s), 1), scale)
 
 
-def _covariance(problem: _Problem, fit: _Fit) -> Floats:
+def _covariance(problem: _Problem, fit: _PoseMaximum) -> Floats:
     """(5, 5) covariance of a fit's parameters, by curvature, widened for errors correlated in time (Huber 1967)."""
     terms = _terms(problem, fit.values)
     w = _weighed(problem, terms, fit.scale, float(np.clip(1.0 - fit.share, 0.01, 0.98)))
