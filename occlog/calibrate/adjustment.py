@@ -649,6 +649,8 @@ def _time_factor(x: Floats, group: Ints, total: float) -> float:
 
 
 class _LinearisedFit(NamedTuple):
+    """Residuals of the observations at some parameters, their weights and derivatives, and the path states."""
+
     cost: float
     residual: Floats
     weight: Floats
