@@ -153,20 +153,6 @@ def value_words(f: Field[object], value: object) -> str:
     return f"{value / declaration(f).scale:g}" if isinstance(value, float) else str(value)
 
 
-def with_options(
-    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
-) -> Callable[[F], F]:
-    """Decorator that adds the options of declared settings to a command, in order of declaration.
-
-    Args:
-        settings: the class.
-        only: names of settings; empty: all.
-        without: names of settings to omit.
-        prefix: put before the names of the parameters.
-    """
-    return add_options(options_of(settings, only=only, without=without, prefix=prefix))
-
-
 def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
     """Return a decorator that adds the options to a command, in their order."""
 

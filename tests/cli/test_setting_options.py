@@ -14,10 +14,10 @@ from occlog.cli.setting_options import (
     CommandVariant,
     SettingsCommand,
     VariantCommand,
+    add_options,
     given,
     options_of,
     value_after,
-    with_options,
 )
 from occlog.settings import Settings, configure, option_setting, setting
 
@@ -42,8 +42,8 @@ class Siren(Settings):
 
 
 @click.command(cls=SettingsCommand)
-@with_options(Lamp, prefix="lamp_")
-@with_options(Siren)
+@add_options(options_of(Lamp, prefix="lamp_"))
+@add_options(options_of(Siren))
 def both(**values: Any) -> None:
     """Two classes of settings, each with a `noise`."""
     lamp = configure(Lamp(), given(Lamp, values, prefix="lamp_"))

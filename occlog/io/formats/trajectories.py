@@ -264,7 +264,6 @@ def _rows(path: Path, records: list[tuple[int, tuple[str, ...]]], names: tuple[s
     return CsvRows(path, lines, {name: np.array(column) for name, column in zip(names, columns, strict=True)})
 
 
-SUFFIX = ".tum"
 TUM_COLUMNS = ("time", "x", "y", "z")
 COLUMNS = 8
 WHAT = "a trajectory in TUM text"

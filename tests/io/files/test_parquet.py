@@ -20,7 +20,7 @@ from occlog.errors import InputError, OutputError, OutputExistsError, UsageError
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables import table_writer
 from occlog.io.files.tables.arrow import from_arrow
-from occlog.io.files.tables.parquet import describe, iter_table, read_provenance, read_table, schema_name
+from occlog.io.files.tables.parquet import describe, iter_table, read_provenance, read_table
 from occlog.io.files.tables.table_writer import TableWriter, write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Tracks, Truth, Views
@@ -310,7 +310,7 @@ def test_vectors_of_several_lengths_in_a_file_are_refused(tmp_path: Path) -> Non
 def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"b\xff.parquet")
     write_table(path, random_table(Bearings, 3).sorted(), PROVENANCE)
-    assert schema_name(path) == "bearings"
+    assert describe(path)["schema"] == "bearings"
 
 
 @pytest.mark.parametrize("most", [0, 50_000])

@@ -168,24 +168,6 @@ def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
     return sums.result()
 
 
-def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
-    """Return OSPA(2) over sliding windows of a number of frames, one for each of the given last frames.
-
-    Args:
-        frames: truth and tracks of one view.
-        cutoff: largest distance that counts, c > 0, unit of the distance.
-        p: exponent, >= 1.
-        window: number of frames, >= 1; the first windows are cut at the first frame.
-        ends: number of the last frame of each window, increasing.
-
-    Raises:
-        ValueError: an option is outside its range, or the frames are of several views.
-    """
-    if window < 1 or len(np.unique(frames.view)) > 1:
-        raise ValueError(f"window {window} must be at least 1 frame, and all frames must be of one view")
-    return list(Ospa2Windows(len(frames.truth_key), len(frames.track_key), cutoff, p, window).update(frames, ends))
-
-
 class _FrameCounts(NamedTuple):
     """Contribution of one frame to the sums of OSPA(2).
 

@@ -132,12 +132,6 @@ def is_ours(path: Path) -> bool:
         return SCHEMA_KEY.encode() in (file.schema_arrow.metadata or {})
 
 
-def schema_name(path: Path) -> str:
-    """Name of the occlog table in a Parquet file, e.g. `bearings`; InputError for files that occlog did not write."""
-    with opened_table(path) as file:
-        return schema_name_of(path, file.schema_arrow)
-
-
 def schema_name_of(path: Path, schema: pa.Schema) -> str:
     """Name of the table in the metadata of an Arrow schema.
 

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.core.metrics.mot import frame_pairs as couples
 from occlog.core.metrics.mot.frame_pairs import Objects, TargetTrackSums, of_points
-from occlog.core.metrics.mot.gospa import ospa2, ospa2_over_time
+from occlog.core.metrics.mot.gospa import Ospa2Windows, ospa2
 from occlog.core.metrics.mot.hota import hota, identity
 
 
@@ -64,7 +64,8 @@ def test_figures_are_the_same_without_a_matrix(seed: int, monkeypatch: pytest.Mo
         monkeypatch.setattr(couples, "DENSE", dense)
         frames = of_points(*sides, limit=1.0)
         means, found = hota(frames).means(), identity(frames)
-        windows = ospa2_over_time(frames, 1.0, 2.0, 10, range(0, 40, 3))
+        sizes = len(frames.truth_key), len(frames.track_key)
+        windows = list(Ospa2Windows(*sizes, 1.0, 2.0, 10).update(frames, range(0, 40, 3)))
         figures.append((means, found.idf1, found.track.tolist(), ospa2(frames, 1.0, 2.0), windows))
     for without, with_ in zip(*figures, strict=True):
         assert without == with_
