@@ -51,7 +51,7 @@ class PlanRequest(Request):
     )
     spacing: float | None = option_setting(
         None,
-        "Maximum spacing of the candidate positions of sensors along a wall, in the scene's unit. [default: a "
+        "Maximum spacing of the camera positions along a wall, in the scene's unit. [default: a "
         "sixteenth of the length of all walls]",
         unit="length",
         above=0,
