@@ -112,7 +112,7 @@ class ConsistencyEvidence:
         particles: effective sample sizes.
         agreements: residuals of the bearings.
         alone: bearings that no other sensor can confirm.
-        crowd: candidates near no track.
+        crowd: candidates (bearings without a label) near no track.
         positions: where the bearings of a time step intersect.
         distances: residuals are also of measurements that are no directions; then `positions` is not used.
         rivals: by target, other trajectories that are nearly as probable; None: the method does not search for any.
@@ -423,7 +423,7 @@ class ConsistencyEvidence:
         return math.fsum(a.means.expected for a in self.agreements.sensors.values())
 
     def _several(self) -> Iterator[Check]:
-        """Generate a finding if candidates near no track persist: there may be more targets than tracks."""
+        """Generate a finding if bearings without a label that are near no track persist: there may be more targets."""
         persistent = {
             name: share
             for name, share in self.crowd.persistent(MIN_SAMPLES).items()

@@ -237,7 +237,7 @@ VERDICT: dict[str, Message] = {
     ),
     "outliers": Message(
         W,
-        _ROWS + "bearings of {sensors} contradict the motion; others may be false too",
+        _ROWS + "bearings of {sensors} contradict the motion; other bearings may be false too",
         "use method map or apf, or check labels",
     ),
     "label-jump": Message(
@@ -276,7 +276,7 @@ VERDICT: dict[str, Message] = {
         W,
         "bearings of {sensors} scatter by {scatter_deg:.2g} degrees, and state {sigma_deg:.2g}: their sigma may be in "
         "{unit}",
-        "name it after its unit: sigma_deg, or sigma_rad (in a scene sigma)",
+        "name it after its unit: sigma_deg or sigma_rad (scene: sigma_deg or sigma)",
     ),
     "measurement-noise-small": Message(
         N,
@@ -429,7 +429,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-clock-offset": Message(
         W,
-        "camera {sensors}: its time stamps seem {offset} s too {sense}: it detects {share:.0%} of the people "
+        "camera {sensors}: its time stamps seem {offset} s too {sense}: as given it detects {share:.0%} of the people "
         "that others detect",
         "ingest with --clock-offset {sensors}={correction}",
     ),

@@ -90,7 +90,9 @@ def _cameras(request: CalibrateRequest) -> list[str]:
     unknown = [name for name in (*request.cameras, *request.without) if name not in names]
     if unknown:
         raise UsageError(
-            f"{path}: no camera {unknown[0]!r} in the recording; cameras: {abridged(names)}", id="unknown-sensor"
+            f"{option('cameras' if unknown[0] in request.cameras else 'without')} {unknown[0]}: the recording {path} "
+            f"has no such camera; it has {abridged(names)}",
+            id="unknown-sensor",
         )
     used = [n for n in names if n not in request.without and (not request.cameras or n in request.cameras)]
     if not used:

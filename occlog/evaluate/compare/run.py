@@ -172,7 +172,8 @@ def parse_condition(condition: str) -> Condition:
         )
     if found[1] not in FIGURES:
         raise UsageError(
-            f"{option('fail_if')} {condition!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}",
+            f"{option('fail_if')} {condition!r}: there is no figure {found[1]!r}; write 'FIGURE worse' with one of "
+            f"{', '.join(FIGURES)}",
             id="unknown-name",
         )
     return Condition(found[1], margin)

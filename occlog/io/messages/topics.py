@@ -241,7 +241,9 @@ def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Se
 
 
 def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
-    """Topic of directions by name of the array: `/mic1/odas/sst` is mic1, and `/sst` alone is odas.
+    """Topic of directions by name of the array: the parts of its path but ODAS' own, joined by `_`; or else odas.
+
+    `/lab/mic1/odas/sst` is lab_mic1, and `/sst` is odas.
 
     InputError if two topics give one name.
     """

@@ -97,10 +97,16 @@ class HullConfig(Settings):
     max_speed: float = setting(3.0, "Maximum speed of objects.", unit="length/s", at_least=0, people=2.5)
     max_jump: float = setting(3.33, "Maximum jump of the centre of a polygon.", unit="length", at_least=0, people=0.5)
     window_s: float = setting(
-        0.0, "Frames closer together in time are one time step.", unit="s", at_least=0, option="--window"
+        0.0,
+        "Frames of cameras that are closer together in time are one time step.",
+        unit="s",
+        at_least=0,
+        option="--window",
     )
     exclude_targets: bool = setting(
-        True, "Omit clusters that are labelled as a target.", option="--exclude-targets/--include-targets"
+        True,
+        "Omit clusters that are labelled as a target, or keep them as occluders.",
+        option="--exclude-targets/--include-targets",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -416,7 +416,7 @@ def verdict_words(side: RunSide) -> tuple[str, bool]:
 
 
 def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
-    """Return the rows of the table of figures; empty without a truth."""
+    """Return the rows of the table of metrics; empty without a truth."""
     if found.against_truth is None:
         return []
     comparison, out = found.against_truth.comparison, []

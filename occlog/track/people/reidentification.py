@@ -422,8 +422,8 @@ def _images(inputs: PeopleInput) -> Opened | None:
         if opened is not None and opened.recording is not None and opened.recording.cameras:
             return opened
     raise InputError(
-        f"{inputs.request.bearings}: a gallery needs images, or colours of boxes; give the recording with the video "
-        f"as {option('scene')}, or views of `occlog detect`",
+        f"{inputs.request.bearings}: its boxes have neither images nor colours, by which {option('gallery')} knows "
+        f"people; give the recording with the video as {option('scene')}, or a table of `occlog detect --views`",
         id="wrong-content",
     )
 

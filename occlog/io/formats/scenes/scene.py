@@ -399,8 +399,7 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
     if len(spec.coefficients) > len(coefficients):
         raise InputError(
             f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has at most "
-            f"{len(coefficients)}; "
-            "omit those beyond, or name another model",
+            f"{len(coefficients)}; omit those beyond, or name a model with more (`model: opencv` has 14)",
             id="invalid-calibration",
         )
     coefficients[: len(spec.coefficients)] = spec.coefficients
