@@ -93,7 +93,7 @@ def test_the_same_gallery_gives_the_same_bytes(folder):
 @pytest.mark.parametrize(
     ("images", "gallery", "message"),
     [
-        (False, "g.parquet", "a gallery needs images, or colours of boxes"),
+        (False, "g.parquet", "neither images nor colours"),
         (True, "other.parquet", "holds associations"),
         (True, "nobody.parquet", "gallery: has no rows"),
     ],
