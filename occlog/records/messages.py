@@ -276,7 +276,7 @@ VERDICT: dict[str, Message] = {
         W,
         "bearings of {sensors} scatter by {scatter_deg:.2g} degrees, and state {sigma_deg:.2g}: their sigma may be in "
         "{unit}",
-        "name it after its unit: sigma_deg or sigma_rad (scene: sigma_deg or sigma)",
+        "name it after its unit: sigma_deg, sigma_rad (scene: sigma)",
     ),
     "measurement-noise-small": Message(
         N,
