@@ -828,7 +828,7 @@ VERDICT: dict[str, Message] = {
     "pictures-not-turned": Message(
         N,
         "camera {sensors}: its images are stored as coded, and not {how} as the metadata of the file ask",
-        "use a calibration of images without this rotation",
+        "use a calibration of images as they are coded",
     ),
     "pixels-not-square": Message(
         N,

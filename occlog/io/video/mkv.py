@@ -5,6 +5,7 @@ Also replaces FFmpeg's random track UIDs in WebM files by fixed ones, so that eq
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 import zlib
@@ -21,7 +22,6 @@ from occlog.io.files.timing.frame_times import MAX_RATE_DENOMINATOR
 
 from .container import (
     MAX_FRAMES,
-    OTHER_MIRROR,
     BrokenContainerError,
     Container,
     Faults,
@@ -226,7 +226,8 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
                 for axis in (YAW, ROLL)
             )
             if abs(yaw) == 180.0:
-                found.mirror = OTHER_MIRROR if roll else mirror_of(-1, 0, 0, 1)
+                x, y = (round(part(math.radians(roll)), 6) for part in (math.cos, math.sin))
+                found.mirror = mirror_of(-x, y, y, x)
             return
 
 

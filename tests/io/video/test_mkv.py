@@ -77,6 +77,24 @@ def test_a_track_may_have_ticks_of_its_own(tmp_path: Path, scale: float, shown: 
     assert times(parsed(tmp_path, data)) == shown
 
 
+@pytest.mark.parametrize(
+    ("yaw", "roll", "how"),
+    [
+        (0.0, 90.0, ""),
+        (180.0, 0.0, "left to right"),
+        (-180.0, 180.0, "top to bottom"),
+        (180.0, 90.0, "along the diagonal from top left"),
+        (180.0, -90.0, "along the diagonal from top right"),
+        (180.0, 45.0, "at another angle"),
+    ],
+)
+def test_a_mirror_is_a_yaw_of_180_degrees_with_a_roll(tmp_path: Path, yaw: float, roll: float, how: str) -> None:
+    """As FFmpeg writes and reads it."""
+    pose = element(0x7673, struct.pack(">f", yaw)) + element(0x7675, struct.pack(">f", roll))
+    shown = element(0xE0, element(0x7670, pose))
+    assert parsed(tmp_path, video(cluster(0, block(0)), more=shown)).mirror == how
+
+
 def test_faults_are_reported_up_to_a_limit(tmp_path: Path) -> None:
     """Four bytes made one: 4 MB took 320 MB, and a million lines."""
     rest = b"\x1f\x43\xb6\x75\x81\x00" * 1000

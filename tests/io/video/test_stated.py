@@ -12,6 +12,7 @@ import pytest
 from video_samples import HEIGHT, WIDTH, numbered, write_video
 
 from occlog.errors import InputError
+from occlog.io.frames.decode import _Raw, _start_s
 from occlog.io.frames.decoders.process import Decoder, start_decoder
 
 ONE = 1 << 16
@@ -70,6 +71,50 @@ def test_a_mirror_at_another_angle_is_stated_and_not_applied(tmp_path: Path) -> 
     assert all(np.array_equal(a, b) for a, b in zip(images, coded, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("matrix", "facts"),
+    [
+        ((2 * ONE, 0, 0, 2 * ONE), [("pictures-not-turned", {"how": "scaled by 2"})]),
+        ((ONE, ONE // 2, 0, ONE), [("pictures-not-turned", {"how": "sheared"})]),
+        ((0, 0, 0, 0), []),
+        ((2 * ONE, 0, 0, ONE), [("pixels-not-square", {"across": 2.0, "down": 1.0})]),
+        (
+            (0, 2 * ONE, -ONE, 0),
+            [("pictures-turned", {"how": "rotated by 90 deg"}), ("pixels-not-square", {"across": 1.0, "down": 2.0})],
+        ),
+        (
+            (0, 2 * ONE, ONE, 0),
+            [
+                ("pictures-turned", {"how": "mirrored along the diagonal from top left"}),
+                ("pixels-not-square", {"across": 1.0, "down": 2.0}),
+            ],
+        ),
+    ],
+)
+@pytest.mark.parametrize("pasp", [False, True])
+def test_a_display_matrix_that_scales_or_shears_is_stated(
+    tmp_path: Path, matrix: tuple[int, int, int, int], facts: list[tuple[str, object]], *, pasp: bool
+) -> None:
+    """FFmpeg takes no scale from the matrix of a file that states square pixels (box pasp), as most do."""
+    path = with_matrix(tmp_path / "mp4v.mp4", *matrix)
+    if pasp:
+        path.write_bytes(with_square_pixels(path.read_bytes()))
+    running, _ = decoded(path)
+    assert running.facts == facts
+
+
+def with_square_pixels(data: bytes) -> bytes:
+    """The content of an MP4 file with the index at its end, with a box pasp of 1:1 after the description of samples."""
+    box = struct.pack(">I4sII", 16, b"pasp", 1, 1)
+    end = data.find(b"stts") - 4
+    out = bytearray(data[:end] + box + data[end:])
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v"):
+        at = out.find(name, out.find(b"moov") - 4) - 4
+        (size,) = struct.unpack_from(">I", out, at)
+        struct.pack_into(">I", out, at, size + len(box))
+    return bytes(out)
+
+
 @pytest.mark.parametrize(("across", "down"), [(5, 4), (2, 1)])
 def test_oblong_pixels_are_stated(tmp_path: Path, across: int, down: int) -> None:
     """A track header with another shape than the coded pictures."""
@@ -117,6 +162,37 @@ def test_the_stamp_of_the_first_frame_is_stated(tmp_path: Path) -> None:
     """FFmpeg begins MPEG-TS at a delay of 1.4 s; other containers begin at 0."""
     assert decoded(write_video(tmp_path / "a.ts", 5, "MPG2"))[0].start_s == pytest.approx(1.44, abs=0.06)
     assert decoded(write_video(tmp_path / "mp4v.mp4", 5))[0].start_s == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_first_frame_of_a_stream_without_stamps_has_no_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV gives -2^63 for it, as FFmpeg does for Theora in Ogg, which became a start 3e10 years ago."""
+    monkeypatch.setattr(cv2, "CAP_PROP_PTS", 1, raising=False)
+
+    class Capture:
+        def get(self, key: int) -> float:
+            return -(2.0**63) if key == 1 else 10.0
+
+    first = _Raw(0, 0.0, "", lambda _: (None, ""))
+    assert np.isnan(_start_s(Capture(), first))  # type: ignore[arg-type]
+
+
+def test_frames_of_a_flash_video_that_begins_late_are_not_lost(tmp_path: Path) -> None:
+    """Its duration counts from 0, as with B-frames; a video cut at the end is noticed."""
+    data = bytearray(write_video(tmp_path / "a.flv", 40, "FLV1").read_bytes())
+    at, ends = 13, []
+    while at < len(data):
+        kind, size = data[at], int.from_bytes(data[at + 1 : at + 4], "big")
+        if kind == 9:
+            stamp = int.from_bytes(data[at + 4 : at + 7], "big") + 500
+            data[at + 4 : at + 7] = stamp.to_bytes(3, "big")
+            ends.append(at + 15 + size)
+        at += 15 + size
+    duration = data.index(b"duration") + 9
+    struct.pack_into(">d", data, duration, struct.unpack_from(">d", data, duration)[0] + 0.5)
+    for stop, lost in ((len(data), 0), (ends[29], 10)):
+        (tmp_path / "b.flv").write_bytes(bytes(data[:stop]))
+        running, images = decoded(tmp_path / "b.flv")
+        assert (len(images), sum(loss.count or 0 for loss in running.losses)) == (40 - lost, lost)
 
 
 @pytest.mark.parametrize("name", ["inter.mp4", "m2inter.mkv"])
