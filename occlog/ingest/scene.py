@@ -244,8 +244,7 @@ def fit_size(camera: Camera, frames: Sized, note: Callable[[str], None]) -> Came
 
     Frames with black bars as wide as a change of scale makes them: scaled and centred. Frames up to 16 px smaller or
     larger: cut or padded at the right and lower edge, so that pixels keep their position. Frames of the same aspect
-    ratio: scaled. Frames with pixels that are not square, calibrated as stretched to their aspect ratio: scaled in x and
-    y.
+    ratio: scaled. Frames with pixels that are not square, calibrated as stretched to square ones: scaled in x and y.
 
     Args:
         camera: as calibrated; one without image size or pose only gets the size.

@@ -841,6 +841,14 @@ VERDICT: dict[str, Message] = {
         "stored dark",
         "scale them to the whole range",
     ),
+    "pictures-black": Message(
+        W,
+        "camera {sensors}: all {count} images are black (values up to {most:.0f} of 255)",
+        "check lens cap, exposure, and how they were converted",
+    ),
+    "pictures-identical": Message(
+        W, "camera {sensors}: all {count} images are identical", "check whether its stream or recorder stood still"
+    ),
     "video-start": Message(
         N,
         "camera {sensors}: the first frame of its video is stamped {start_s:.6g} s, and counts as 0",

@@ -255,7 +255,7 @@ def test_frames_of_another_size_than_calibrated(
 def test_frames_that_metadata_turn_and_a_calibration_of_the_raw_ones(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The calibration has the size of the raw frames: the cause is named, with the command that removes the rotation."""
+    """The calibration has the size of the raw frames: the cause is named, and the command that removes the rotation."""
     video = with_display(write_video(place / "mp4v.mp4"), (0, 1, -1, 0))
     assert ingest(place, "--video", f"cam1={video}") == ExitCode.BAD_INPUT
     assert "ffmpeg -display_rotation 0 -i mp4v.mp4 -c copy" in capsys.readouterr().err

@@ -217,3 +217,36 @@ def test_a_16_bit_video_of_12_bits_is_refused(shared_cases: Path) -> None:
 def test_a_turned_video_says_so(shared_cases: Path) -> None:
     running, _ = decoded(shared_cases / "v23-turned-by-metadata" / "rot180.mp4")
     assert running.facts == [("pictures-turned", {"how": "rotated by 180 deg"})]
+
+
+@pytest.mark.parametrize(
+    ("level", "count", "fact"),
+    [
+        (0, 3, ("pictures-black", {"count": 3, "most": 0})),
+        (100, 12, ("pictures-identical", {"count": 12})),
+        (100, 3, None),
+    ],
+)
+def test_black_and_identical_pictures_are_stated(
+    tmp_path: Path, level: int, count: int, fact: tuple[str, object] | None
+) -> None:
+    """Images of 16 bits that are all 0 are no images of 12 bits, and were taken without a word; as videos were."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for index in range(count):
+        cv2.imwrite(str(folder / f"{index}.png"), np.full((HEIGHT, WIDTH), level * 257, np.uint16))
+    writer = cv2.VideoWriter(
+        str(tmp_path / "v.mkv"), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 10.0, (WIDTH, HEIGHT)
+    )
+    for _ in range(count):
+        writer.write(np.full((HEIGHT, WIDTH, 3), level, np.uint8))
+    writer.release()
+    files = [(index, str(folder / f"{index}.png")) for index in range(count)]
+    jobs = [
+        {"kind": "images", "path": str(folder), "files": files, "store": "keep", "quality": 95},
+        {"kind": "video", "path": str(tmp_path / "v.mkv"), "start": 0, "stop": None, "store": "none", "quality": 95},
+    ]
+    for job in jobs:
+        with start_decoder(job) as running:
+            assert len([*running.delivered()]) == count
+        assert running.facts == ([] if fact is None else [fact])
