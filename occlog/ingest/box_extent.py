@@ -44,6 +44,8 @@ MIN_IDENTICAL, MAX_HASHED = 0.5, 20_000
 """Share of boxes at the same pixels of the same frames from which two cameras are reported as one, and number of the
 boxes of a camera that are compared, about."""
 MAX_PX = 2**16
+THOUSAND = 1000
+"""Right and lower border of images in the coordinates of detectors that are language models."""
 
 
 class _Border(NamedTuple):
@@ -172,7 +174,11 @@ class BoxExtents:
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
             shares[name] = max(shares.get(name, 0.0), float(count[first:].sum() / count.sum()))
-        names = [name for name, share in shares.items() if share >= MIN_BEYOND]
+        thousandths = [name for name in shares if self._in_thousandths(name, shares[name] >= MIN_BEYOND)]
+        if thousandths:
+            stated = " x ".join(map(str, self._sizes[thousandths[0]]))
+            yield finding(EXTENTS, "boxes-thousandths", sensors=thousandths, stated=stated)
+        names = [name for name, share in shares.items() if share >= MIN_BEYOND and name not in thousandths]
         corners = [name for name in names if self._corners[name] >= MIN_CORNERS * self._counts[name, 0].sum()]
         if corners:
             yield finding(EXTENTS, "boxes-corners", sensors=corners, share=max(shares[name] for name in corners))
@@ -181,6 +187,17 @@ class BoxExtents:
             far = " x ".join(str(max(self._farthest(name, axis) for name in names)) for axis in (0, 1))
             share = max(shares[name] for name in names)
             yield finding(EXTENTS, "boxes-end-beyond", sensors=names, share=share, found=far, allowed=MIN_BEYOND)
+
+    def _in_thousandths(self, name: str, beyond: bool) -> bool:
+        """Whether boxes of a camera end at 1000 in x and y, whatever the size of its images.
+
+        `beyond`: many end beyond the image; otherwise they have to be cut at 1000.
+        """
+        ends = [self._farthest(name, axis) for axis in (0, 1)]
+        if not all(0.97 * THOUSAND <= end <= THOUSAND for end in ends):
+            return False
+        other = any(abs(side / THOUSAND - 1.0) > 0.05 for side in self._sizes[name])
+        return other and (beyond or all(self._border(name, axis) is not None for axis in (0, 1)))
 
     def _farthest(self, name: str, axis: int) -> int:
         return int(np.flatnonzero(self._counts[name, axis])[-1])

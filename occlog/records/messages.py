@@ -736,6 +736,11 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
     ),
+    "boxes-thousandths": Message(
+        W,
+        "camera {sensors}: its boxes end at 1000 in x and y, and images have {stated} px: they may be thousandths",
+        "multiply x by the width / 1000, and y by the height / 1000",
+    ),
     "boxes-restart": Message(
         W,
         "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
