@@ -55,6 +55,18 @@ def found(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tupl
     return [check for check in extents.checks(known) if check.found]
 
 
+@pytest.mark.parametrize("size", [(1920, 1080), (1280, 720), (640, 480), (1024, 1024)])
+def test_boxes_in_thousandths_are_reported(size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(4)
+    ids = [
+        check.id
+        for check in found({"a": size, "b": size}, [boxes(name, rng, (1000, 1000), (1001, 1001)) for name in "ab"])
+    ]
+    assert ("boxes-thousandths" in ids) == (size != (1024, 1024))
+    right = [boxes(name, rng, size, size) for name in "ab"]
+    assert "boxes-thousandths" not in [check.id for check in found({"a": size, "b": size}, right)]
+
+
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])
 def test_boxes_that_end_at_another_size_are_reported_with_the_factor(true: tuple[int, int]) -> None:
     rng = np.random.default_rng(4)

@@ -194,9 +194,9 @@ class CameraFaults:
         if rotated and not errors:
             errors = self._search.errors_of(range(len(self._cameras)), MIN_LOG_RATIO_ROTATED)[:1]
         for each in errors:
-            if each.kind in (FOCAL, HEIGHT) and (words := self._search.sized(each)):
+            if words := self._search.sized(each):
                 out.append((each.cameras, words))
-                continue
+                break
             # The filter states and corrects rotations that last; what remains with them may be their consequence
             lasting = each.kind == YAW and not (each.since or each.until)
             if lasting and (each.rival is None or each.rival.kind == YAW):
@@ -330,10 +330,18 @@ class _Search:
 
     def sized(self, error: CameraError) -> str:
         """Words for boxes of the camera of an error that are too large or small, if that explains more; else empty."""
-        c = error.cameras[0]
-        changes = (each for each in self._changes(c, range(len(self.views)), rotations=False) if SIZED in each.words)
-        corrected = _Change("", {c: self._corrected(c, error.kind, error.values[0])})
-        best = self._best(chain([corrected], changes))
+        if error.since or error.until or error.kind not in (YAW, FOCAL, HEIGHT):
+            return ""
+        c, own = error.cameras[0], self.views[error.cameras[0]]
+        corrected = [
+            _Change("", {each.cameras[0]: self._corrected(each.cameras[0], each.kind, each.values[0])})
+            for each in error.either
+        ]
+        forms = ((words, boxes) for words, boxes in _other_forms(own) if SIZED in words)
+        sized = [
+            _Change(f"boxes of {own.camera.name} are {words}", {c: own._replace(boxes=boxes)}) for words, boxes in forms
+        ]
+        best = self._best(chain(corrected, sized))
         return best.words if best is not None else ""
 
     def _matters(self, error: CameraError) -> bool:
