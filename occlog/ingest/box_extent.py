@@ -44,6 +44,9 @@ MIN_IDENTICAL, MAX_HASHED = 0.5, 20_000
 """Share of boxes at the same pixels of the same frames from which two cameras are reported as one, and number of the
 boxes of a camera that are compared, about."""
 MAX_PX = 2**16
+MIN_NEIGHBOURS, MIN_OVERLAP = 0.5, 0.5
+"""Share of the pairs of boxes with successive identities in a frame that overlap, from which identities may be frame
+numbers, and intersection over union from which they do."""
 THOUSAND = 1000
 """Right and lower border of images in the coordinates of detectors that are language models."""
 
@@ -75,6 +78,7 @@ class BoxExtents:
         self._hashes: dict[str, set[int]] = {}  # of each of the first `MAX_HASHED` boxes with its frame
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
+        self._neighbours: dict[str, Ints] = {}  # boxes of identities n and n + 1 in a frame, and those that overlap
         self._corners: dict[str, int] = {}  # boxes with a size that can be the right and lower edges
 
     def add(self, table: Boxes) -> None:
@@ -88,6 +92,7 @@ class BoxExtents:
             edges, sizes = own - size[mine], size[mine]
             corners = (sizes > edges) & (sizes <= np.array(self._sizes.get(name, (0, 0))) + BEYOND_PX)
             self._corners[name] = self._corners.get(name, 0) + int(np.count_nonzero(corners.all(axis=1)))
+            self._neighbours[name] = self._neighbours.get(name, np.zeros(2, np.int64)) + _neighbours(table.take(mine))
             hashes = self._hashes.setdefault(name, set())
             if len(hashes) < MAX_HASHED:
                 hashes.update(fingerprints([table.frame[mine], *own.T, *sizes.T]).tolist())
@@ -113,7 +118,15 @@ class BoxExtents:
         found = [*self._found(known, given)] if known_size else []
         # Corners for sizes make boxes wide, too
         explained = {name for each in found if each.id == "boxes-corners" for name in each.sensors}
-        return outcome(EXTENTS, chain(self._found_wide(explained), self._found_identical(), found), unless=none)
+        others = chain(self._found_exchanged(), self._found_wide(explained), self._found_identical())
+        return outcome(EXTENTS, chain(others, found), unless=none)
+
+    def _found_exchanged(self) -> Iterator[Check]:
+        """Yield a finding on the cameras with successive identities that overlap in a frame, as frames of one do."""
+        shares = {n: overlap / max(count, 1) for n, (count, overlap) in self._neighbours.items() if count >= MIN_SHAPES}
+        names = [name for name, share in shares.items() if share >= MIN_NEIGHBOURS]
+        if names:
+            yield finding(EXTENTS, "boxes-frame-id-exchanged", sensors=names, share=max(shares[n] for n in names))
 
     def _found_wide(self, explained: Collection[str]) -> Iterator[Check]:
         """Yield a finding on the cameras with boxes that are mostly wider than high, but for those in `explained`."""
@@ -218,3 +231,16 @@ class BoxExtents:
         stated, other = self._sizes[name][axis], self._sizes[name][1 - axis]
         odd: Floats = np.array([abs(other * n / stated - round(other * n / stated)) for n in (last, last + 1)])
         return _Border(last + int(odd[1] <= odd[0]), stated)
+
+
+def _neighbours(table: Boxes) -> Ints:
+    """(2,) number of pairs of boxes with identities n and n + 1 in a frame, and of those that overlap."""
+    own = table.take(np.lexsort((table.target_id, table.frame)))
+    first = np.flatnonzero((np.diff(own.frame) == 0) & (np.diff(own.target_id) == 1) & (own.target_id[:-1] >= 0))
+    near = np.column_stack([own.left_px, own.top_px])
+    size = np.column_stack([own.width_px, own.height_px])
+    far, second, areas = near + size, first + 1, size.prod(axis=1)
+    common = np.minimum(far[first], far[second]) - np.maximum(near[first], near[second])
+    shared = np.maximum(common, 0.0).prod(axis=1)
+    overlap = shared > MIN_OVERLAP * (areas[first] + areas[second] - shared)
+    return np.array([len(first), np.count_nonzero(overlap)])

@@ -736,6 +736,11 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
     ),
+    "boxes-frame-id-exchanged": Message(
+        W,
+        "camera {sensors}: {share:.0%} of boxes with identities n and n + 1 of a frame overlap, as those of one person",
+        "exchange the columns of frames and identities",
+    ),
     "boxes-thousandths": Message(
         W,
         "camera {sensors}: its boxes end at 1000 in x and y, and images have {stated} px: they may be thousandths",

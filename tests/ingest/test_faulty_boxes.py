@@ -11,7 +11,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import open_recording
-from occlog.records.losses import MINOR_SHARE, Loss
+from occlog.records.losses import MINOR_SHARE, OUTSIDE_IMAGE, Loss
 from occlog.records.tables import Boxes
 
 HEAD = "frame,left,top,width,height,confidence"
@@ -66,6 +66,12 @@ def test_infinite_values_in_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(words) == ExitCode.LOSSY
     (loss,) = json.loads(capsys.readouterr().out)["losses"]
     assert (loss["what"], loss["count"]) == ("boxes that reach beyond 1e+06 px", 1)
+
+
+def test_boxes_left_of_images_of_an_unknown_size_are_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ingest(["0,-90,10,40,80,0.9", *good(20)], "--json") == ExitCode.LOSSY
+    (loss,) = json.loads(capsys.readouterr().out)["losses"]
+    assert (loss["count"], loss["what"].startswith(OUTSIDE_IMAGE)) == (1, True)
 
 
 def test_a_frame_with_faulty_boxes_alone_is_one_without_a_detection() -> None:
