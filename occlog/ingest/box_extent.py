@@ -47,8 +47,8 @@ MAX_PX = 2**16
 MIN_NEIGHBOURS, MIN_OVERLAP = 0.5, 0.5
 """Share of the pairs of boxes with successive identities in a frame that overlap, from which identities may be frame
 numbers, and intersection over union from which they do."""
-THOUSAND = 1000
-"""Right and lower border of images in the coordinates of detectors that are language models."""
+WHOLES = (100, 1000)
+"""Right and lower border of images in percents, and in the coordinates of detectors that are language models."""
 
 
 class _Border(NamedTuple):
@@ -187,11 +187,12 @@ class BoxExtents:
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
             shares[name] = max(shares.get(name, 0.0), float(count[first:].sum() / count.sum()))
-        thousandths = [name for name in shares if self._in_thousandths(name, shares[name] >= MIN_BEYOND)]
-        if thousandths:
-            stated = " x ".join(map(str, self._sizes[thousandths[0]]))
-            yield finding(EXTENTS, "boxes-thousandths", sensors=thousandths, stated=stated)
-        names = [name for name, share in shares.items() if share >= MIN_BEYOND and name not in thousandths]
+        parts = {name for whole in WHOLES for name in self._in_parts(whole, shares)}
+        for whole in WHOLES:
+            if names := self._in_parts(whole, shares):
+                stated = " x ".join(map(str, self._sizes[names[0]]))
+                yield finding(EXTENTS, "boxes-in-parts", sensors=names, stated=stated, whole=whole)
+        names = [name for name, share in shares.items() if share >= MIN_BEYOND and name not in parts]
         corners = [name for name in names if self._corners[name] >= MIN_CORNERS * self._counts[name, 0].sum()]
         if corners:
             yield finding(EXTENTS, "boxes-corners", sensors=corners, share=max(shares[name] for name in corners))
@@ -201,16 +202,20 @@ class BoxExtents:
             share = max(shares[name] for name in names)
             yield finding(EXTENTS, "boxes-end-beyond", sensors=names, share=share, found=far, allowed=MIN_BEYOND)
 
-    def _in_thousandths(self, name: str, beyond: bool) -> bool:
-        """Whether boxes of a camera end at 1000 in x and y, whatever the size of its images.
+    def _in_parts(self, whole: int, shares: Mapping[str, float]) -> list[str]:
+        """Cameras with boxes that end at `whole` in x and y, whatever the size of the images: percents, thousandths.
 
-        `beyond`: many end beyond the image; otherwise they have to be cut at 1000.
+        `shares`, by camera, of boxes that end beyond the image; without many of them, boxes have to be cut at `whole`,
+        or the images are much larger.
         """
-        ends = [self._farthest(name, axis) for axis in (0, 1)]
-        if not all(0.97 * THOUSAND <= end <= THOUSAND for end in ends):
-            return False
-        other = any(abs(side / THOUSAND - 1.0) > 0.05 for side in self._sizes[name])
-        return other and (beyond or all(self._border(name, axis) is not None for axis in (0, 1)))
+        found = []
+        for name, share in shares.items():
+            ends, sides = [self._farthest(name, axis) for axis in (0, 1)], self._sizes[name]
+            other = any(abs(side / whole - 1.0) > 0.05 for side in sides)
+            cut = min(sides) > 3 * whole or all(self._border(name, axis) is not None for axis in (0, 1))
+            if other and all(0.97 * whole <= end <= whole for end in ends) and (share >= MIN_BEYOND or cut):
+                found.append(name)
+        return [name for name in found if self._counts[name, 0].sum() >= MIN_SHAPES]
 
     def _farthest(self, name: str, axis: int) -> int:
         return int(np.flatnonzero(self._counts[name, axis])[-1])

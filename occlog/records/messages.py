@@ -741,10 +741,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: {share:.0%} of boxes with identities n and n + 1 of a frame overlap, as those of one person",
         "exchange the columns of frames and identities",
     ),
-    "boxes-thousandths": Message(
+    "boxes-in-parts": Message(
         W,
-        "camera {sensors}: its boxes end at 1000 in x and y, and images have {stated} px: they may be thousandths",
-        "multiply x by the width / 1000, and y by the height / 1000",
+        "camera {sensors}: its boxes end at {whole} in x and y, though images have {stated} px: they may be parts of "
+        "{whole}",
+        "multiply x by width / {whole}, y by height / {whole}",
     ),
     "boxes-restart": Message(
         W,
@@ -850,6 +851,14 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its first image has 16-bit values up to about {most:.0f} of 65535, so images are "
         "stored dark",
         "scale them to the whole range",
+    ),
+    "video-tracks": Message(
+        N,
+        "camera {sensors}: its file has {count} video tracks, of which the first is read",
+        "extract another one: ffmpeg -i IN -map 0:v:1 -c copy OUT",
+    ),
+    "videos-identical": Message(
+        W, "cameras {sensors} have one and the same video", "give each camera its own, or leave one out"
     ),
     "pictures-black": Message(
         W,

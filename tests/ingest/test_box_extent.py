@@ -77,15 +77,18 @@ def test_columns_of_frames_and_identities_that_are_exchanged_are_reported(exchan
 
 
 @pytest.mark.parametrize("size", [(1920, 1080), (1280, 720), (640, 480), (1024, 1024)])
-def test_boxes_in_thousandths_are_reported(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("whole", [100, 1000])
+def test_boxes_in_percents_and_thousandths_are_reported(size: tuple[int, int], whole: int) -> None:
     rng = np.random.default_rng(4)
     ids = [
         check.id
-        for check in found({"a": size, "b": size}, [boxes(name, rng, (1000, 1000), (1001, 1001)) for name in "ab"])
+        for check in found(
+            {"a": size, "b": size}, [boxes(name, rng, (whole, whole), (whole + 1, whole + 1)) for name in "ab"]
+        )
     ]
-    assert ("boxes-thousandths" in ids) == (size != (1024, 1024))
+    assert ("boxes-in-parts" in ids) == (size[0] != size[1])
     right = [boxes(name, rng, size, size) for name in "ab"]
-    assert "boxes-thousandths" not in [check.id for check in found({"a": size, "b": size}, right)]
+    assert "boxes-in-parts" not in [check.id for check in found({"a": size, "b": size}, right)]
 
 
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])

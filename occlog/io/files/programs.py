@@ -11,6 +11,7 @@ from occlog.errors import InputError
 START = 8192
 """Bytes at the beginning of a file by which it is recognised."""
 BOXES = "export COCO or YOLO, or write CSV: frame,left,top,width,height"
+EDGES_PX = "write CSV in pixels: frame,x1,y1,x2,y2"
 CAMERAS = "write camera_matrix, distortion_coefficients, R and T of each camera by cv2.FileStorage"
 POSITIONS = "write CSV: time,id,x,y, in metres, with z up"
 
@@ -53,6 +54,9 @@ PROGRAMS = (
         rb'"image"',
         begin=_JSON,
     ),
+    _program("JSON of Gemini (y, x of 0 to 1000)", EDGES_PX, rb'"box_2d"', begin=_JSON),
+    _program("JSON of Qwen (pixels, or 0 to 1000)", EDGES_PX, rb'"bbox_2d"', begin=_JSON),
+    _program("JSON of Detectron2 (bbox in several modes)", EDGES_PX, rb'"bbox_mode"', begin=_JSON),
     _program(
         "JSON of keypoints",
         "write CSV: frame,left,top,width,height",

@@ -337,6 +337,8 @@ def decode_image(data: bytes, where: str) -> Image:
         raise InputError(
             f"{where}: cannot be decoded ({' '.join(str(error.err).split())}); copy or repair it", id="damaged-file"
         ) from None
+    if image is None and data.startswith(DEEP_MARKS[:2]) and _is_float(data):
+        raise InputError(f"{where}: its values are no whole numbers; write 8 bits, 0 to 255", id="unsupported-format")
     if image is None:
         raise InputError(
             f"{where}: not an image, or a damaged one ({len(data)} bytes); copy or convert it", id="damaged-file"
@@ -345,6 +347,12 @@ def decode_image(data: bytes, where: str) -> Image:
         return scaled(image, most)
     _check_depth(data, where)
     return image  # type: ignore[no-any-return]
+
+
+def _is_float(data: bytes) -> bool:
+    """Whether the values of an image file, whatever they are, are floating-point numbers."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image is not None and image.dtype.kind == "f"
 
 
 def _check_depth(data: bytes, where: str) -> None:

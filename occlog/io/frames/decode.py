@@ -22,7 +22,7 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import utf8_name
-from occlog.io.video.container import MIRRORS, SHEARED, SLACK, Container
+from occlog.io.video.container import MIRRORS, SHEARED, SLACK, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
@@ -353,6 +353,7 @@ def _describe(
         bars=dark_bars(image),
         deep=deep,
         facts=[
+            *([("video-tracks", {"count": container.tracks})] if container and container.tracks > 1 else []),
             *_orientation(capture, container),
             *_aspect(capture, container),
             *(dim_values(int(image.max()), FULL) if deep else ()),
@@ -394,13 +395,14 @@ def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Fact
     if container is not None and container.mirror:
         applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
         return [(applied, {"how": f"mirrored {container.mirror}"})]
-    if container is not None and container.undone:
-        return [("pictures-not-turned", {"how": container.undone})]
+    undone = [("pictures-not-turned", {"how": container.undone})] if container is not None and container.undone else []
+    if undone and container is not None and container.undone not in (SPHERE, STEREO):
+        return undone
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if not 0.0 < abs(angle) < 360.0:  # a matrix of zeros has no angle
-        return []
+        return undone
     how = f"rotated by {angle:g} deg"
-    return [("pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned", {"how": how})]
+    return [*undone, ("pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned", {"how": how})]
 
 
 def _aspect(capture: cv2.VideoCapture, container: Container | None) -> Facts:

@@ -34,7 +34,7 @@ MIRRORS: dict[tuple[int, ...], str] = {
     (0, -1, -1, 0): "along the diagonal from top right",
 }
 """Mirrors by the signs of a, b, c, d of a display matrix: x' = a x + c y, y' = b x + d y."""
-OTHER_MIRROR, SHEARED = "at another angle", "sheared"
+OTHER_MIRROR, SHEARED, STEREO, SPHERE = "at another angle", "sheared", "split into two views", "unrolled from a sphere"
 SLACK = 0.02
 """Relative difference from a display that scales, shears or stretches: coded sizes are multiples of 16, cut to 1080."""
 
@@ -67,8 +67,9 @@ class Container:
         mirror: how the metadata ask players to mirror the pictures: a value of `MIRRORS`, or `OTHER_MIRROR`; empty:
             not.
         pixel: MP4 only: width of a coded pixel as displayed, relative to its height, by the header of the track.
-        undone: MP4 only: what else the metadata ask of the display, which no decoder does: `SHEARED`, or scaled; empty:
+        undone: what else the metadata ask of the display, which no decoder does: `SHEARED`, scaled, or `STEREO`; empty:
             nothing.
+        tracks: number of video tracks, of which the first is read.
     """
 
     kind: str
@@ -85,6 +86,7 @@ class Container:
     mirror: str = ""
     pixel: float = 1.0
     undone: str = ""
+    tracks: int = 1
 
     @property
     def frames(self) -> int | None:

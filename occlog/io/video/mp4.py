@@ -20,6 +20,8 @@ from .container import (
     MAX_FRAMES,
     SHEARED,
     SLACK,
+    SPHERE,
+    STEREO,
     BrokenContainerError,
     ByteRange,
     Container,
@@ -34,6 +36,7 @@ LATEST = 2**62
 USUAL_SPEED = 1 << 16
 SMALLEST_FRAME = 8
 """Bytes."""
+NO_VIDEO = "it names no video track"
 ONE = 1 << 16
 """1 in a display matrix."""
 
@@ -289,6 +292,8 @@ def parse(data: mmap.mmap) -> Container:
     try:
         return _container(data, moov, [b for b in top if b.kind == b"moof"], problems)
     except BrokenContainerError as bad:
+        if bad.what == NO_VIDEO:
+            return unknown_frames("mp4", *problems, ("moov", "it has no video track, as a file of sound"))
         return unknown_frames("mp4", *problems, (f"byte {bad.byte}", f"the index (box moov) is damaged: {bad.what}"))
 
 
@@ -327,6 +332,7 @@ class _Display(NamedTuple):
     mirror: str = ""
     pixel: float = 1.0
     undone: str = ""
+    tracks: int = 1
 
 
 def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, _Display]:
@@ -334,14 +340,20 @@ def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, _Dis
 
     BrokenContainerError if there is no video track.
     """
+    found: list[tuple[ByteRange, ByteRange]] = []
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
-            tkhd = need_box(data, trak, b"tkhd")
-            version = data[tkhd.start]
-            track_id = unpack(data, ">I", tkhd.start + (20 if version else 12))[0]
-            return trak, track_id, _display(data, trak, tkhd.start + (52 if version else 40))
-    raise BrokenContainerError(moov.start, "it names no video track")
+            stsz = find_box(data, trak, b"mdia", b"minf", b"stbl", b"stsz")
+            if not found or (stsz is not None and unpack(data, ">I", stsz.start + 8)[0] > 1):  # no preview
+                found.append((trak, need_box(data, trak, b"tkhd")))
+    if not found:
+        raise BrokenContainerError(moov.start, NO_VIDEO)
+    trak, tkhd = found[0]
+    version = data[tkhd.start]
+    track_id = unpack(data, ">I", tkhd.start + (20 if version else 12))[0]
+    display = _display(data, trak, tkhd.start + (52 if version else 40))
+    return trak, track_id, display._replace(tracks=len(found))
 
 
 def _display(data: mmap.mmap, trak: ByteRange, at: int) -> _Display:
@@ -359,6 +371,11 @@ def _display(data: mmap.mmap, trak: ByteRange, at: int) -> _Display:
     pixel = across / down * (width * coded[1] / (height * coded[0]) if all((width, height, *coded)) else 1.0)
     if u or v or abs(a * c + b * d) > SLACK * across * down * ONE**2:
         return _Display(undone=SHEARED)
+    described = b"" if stsd is None else data[stsd.start : min(stsd.stop, len(data))]
+    if b"sv3d" in described:  # Google's spherical video
+        return _Display(mirror, pixel, SPHERE)
+    if (at := described.find(b"st3d")) >= 0 and any(described[at + 8 : at + 9]):
+        return _Display(mirror, pixel, STEREO)
     is_scaled = abs(across / down - 1.0) < SLACK < abs(across - 1.0)
     return _Display(mirror, pixel, f"scaled by {across:.3g}" if is_scaled else "")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.io.video.container import MAX_FAULTS, Container
+from occlog.io.video.container import MAX_FAULTS, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 
 STEP = 40_000_000
@@ -93,6 +93,13 @@ def test_a_mirror_is_a_yaw_of_180_degrees_with_a_roll(tmp_path: Path, yaw: float
     pose = element(0x7673, struct.pack(">f", yaw)) + element(0x7675, struct.pack(">f", roll))
     shown = element(0xE0, element(0x7670, pose))
     assert parsed(tmp_path, video(cluster(0, block(0)), more=shown)).mirror == how
+
+
+@pytest.mark.parametrize(("mode", "sphere", "undone"), [(1, 0, STEREO), (0, 1, SPHERE), (0, 0, "")])
+def test_stereo_and_spherical_pictures_and_further_tracks(tmp_path: Path, mode: int, sphere: int, undone: str) -> None:
+    shown = element(0xE0, number(0x53B8, mode) + element(0x7670, number(0x7671, sphere)))
+    data = video(cluster(0, block(0)), more=shown)
+    assert (parsed(tmp_path, data).undone, parsed(tmp_path, data).tracks) == (undone, 1)
 
 
 def test_faults_are_reported_up_to_a_limit(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from video_samples import HEIGHT, WIDTH, numbered, write_video
 from occlog.errors import InputError
 from occlog.io.frames.decode import _Raw, _start_s
 from occlog.io.frames.decoders.process import Decoder, start_decoder
+from occlog.io.video.reader import read_container
 
 ONE = 1 << 16
 MATRICES = {0: (ONE, 0, 0, ONE), 90: (0, ONE, -ONE, 0), 180: (-ONE, 0, 0, -ONE), 270: (0, -ONE, ONE, 0)}
@@ -250,3 +251,45 @@ def test_black_and_identical_pictures_are_stated(
         with start_decoder(job) as running:
             assert len([*running.delivered()]) == count
         assert running.facts == ([] if fact is None else [fact])
+
+
+def inserted(data: bytes, box: bytes) -> bytes:
+    """The content of an MP4 file with the index at its end, with a box after the description of samples."""
+    return with_square_pixels(data).replace(struct.pack(">I4sII", 16, b"pasp", 1, 1), box.ljust(16, b"\0"))
+
+
+@pytest.mark.parametrize(
+    ("box", "how"),
+    [
+        (struct.pack(">I4sIB", 13, b"st3d", 0, 2) + struct.pack(">I", 8)[:3], "split into two views"),
+        (struct.pack(">I4sI", 16, b"sv3d", 0), "unrolled from a sphere"),
+        (struct.pack(">I4sI", 16, b"free", 0), ""),
+    ],
+)
+def test_stereo_and_spherical_video_are_stated(tmp_path: Path, box: bytes, how: str) -> None:
+    path = write_video(tmp_path / "mp4v.mp4", frames=3)
+    path.write_bytes(inserted(path.read_bytes(), box))
+    container = read_container(path)
+    assert container is not None
+    assert container.undone == how
+
+
+def test_a_second_video_track_is_stated(tmp_path: Path) -> None:
+    data = bytearray(write_video(tmp_path / "mp4v.mp4", frames=3).read_bytes())
+    moov = data.find(b"moov") - 4
+    trak = data.find(b"trak") - 4
+    (size,) = struct.unpack_from(">I", data, trak)
+    copy = data[trak : trak + size]
+    struct.pack_into(">I", copy, copy.find(b"tkhd") + 16, 2)  # its number
+    struct.pack_into(">I", data, moov, struct.unpack_from(">I", data, moov)[0] + size)
+    (tmp_path / "two.mp4").write_bytes(bytes(data[: trak + size] + copy + data[trak + size :]))
+    running, images = decoded(tmp_path / "two.mp4")
+    assert running.facts == [("video-tracks", {"count": 2})]
+    assert len(images) == 3
+
+
+def test_a_file_of_sound_is_refused_as_such(tmp_path: Path) -> None:
+    data = write_video(tmp_path / "mp4v.mp4", frames=3).read_bytes().replace(b"vide", b"soun")
+    (tmp_path / "sound.mp4").write_bytes(data)
+    with pytest.raises(InputError, match="no video track, as a file of sound"):
+        decoded(tmp_path / "sound.mp4")

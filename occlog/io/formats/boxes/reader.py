@@ -910,7 +910,11 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
     frame = rows.ints("frame") - options.first_number
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
-        raise rows.fail(row, f"frame {rows.cells['frame'][row]} is before the first one, {options.first_number}")
+        lowest = int(frame.min()) + options.first_number
+        remedy = f"give {option('first_number')} {lowest}" if lowest >= 0 else "number frames from 0"
+        raise rows.fail(
+            row, f"frame {rows.cells['frame'][row]} is before the first one, {options.first_number}; {remedy}"
+        )
     if (frame >= MAX_FRAMES).any():
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")

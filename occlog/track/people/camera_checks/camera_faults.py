@@ -746,6 +746,7 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
     yield "of images rotated by 90 degrees anticlockwise", np.column_stack([width - bottom, left, width - top, right])
     thousandths = np.tile(view.size / 1000.0, 2)
     yield "thousandths of the image", boxes * thousandths
+    yield "percents of the image", boxes * 10.0 * thousandths
     yield "thousandths of the image with y, x in place of x, y", exchanged * thousandths
     side = view.size.max()
     yield (
