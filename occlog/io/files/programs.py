@@ -77,6 +77,14 @@ PROGRAMS = (
     _program("settings of ORB-SLAM, without a pose", CAMERAS, rb"\nCamera1?\.fx:"),
     _program("a device calibration of a ZED camera", CAMERAS, rb"\[(?:LEFT|RIGHT)_CAM_"),
     _program("a calibration of Bouguet's toolbox", CAMERAS, rb"\n(?:fc|omc_1)\s*=\s*\["),
+    _program("JSON with matrices as lists", CAMERAS, rb'"(?:mtx|camera_matrix|K)"\s*:\s*\[\s*\[', begin=_JSON),
+    _program("YAML with matrices as lists", CAMERAS, rb"(?:\A|\n)(?:mtx|camera_matrix|K):\s*(?:\[\s*\[|- - )"),
+    _program(
+        "a pickle of Python", "write .npz: np.savez(FILE, K=..., R=..., t=..., dist=...)", begin=rb"\x80[\x02-\x05]"
+    ),
+    _program("a lens model of OCamCalib", CAMERAS, begin=rb"#polynomial coefficients for the DIRECT"),
+    _program("intrinsics of RealSense, without a pose", CAMERAS, rb'"ppx"', rb'"ppy"', begin=_JSON),
+    _program("camera parameters of Pix4D", CAMERAS, begin=rb"fileName imageWidth imageHeight"),
     _program("a Bundler model", CAMERAS, begin=rb"# Bundle file"),
     _program("a model of VisualSFM", CAMERAS, begin=rb"NVM_V"),
     _program("an export of OptiTrack Motive", POSITIONS, begin=rb"(?:\xef\xbb\xbf)?Format Version,"),
