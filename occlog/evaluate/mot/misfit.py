@@ -69,7 +69,8 @@ class SampledBoxes(NamedTuple):
     @classmethod
     def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
         """Return the concatenated samples; without parts, empty ones."""
-        nothing = cls(*np.zeros((3, 0), np.int64), np.zeros((0, 4)))
+        none = np.zeros(0, np.int64)
+        nothing = cls(none, none, none, np.zeros((0, 4)))
         return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
     @property

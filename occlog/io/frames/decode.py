@@ -353,7 +353,7 @@ def _describe(
         bars=dark_bars(image),
         deep=deep,
         facts=[
-            *([("video-tracks", {"count": container.tracks})] if container and container.tracks > 1 else []),
+            *_tracks(container),
             *_orientation(capture, container),
             *_aspect(capture, container),
             *(dim_values(int(image.max()), FULL) if deep else ()),
@@ -392,17 +392,20 @@ def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Fact
     `pictures-turned` if the decoder applies this, `pictures-not-turned` if not; of rotations, multiples of 90 degrees
     are applied, and nothing but rotations and mirrors.
     """
-    if container is not None and container.mirror:
-        applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
-        return [(applied, {"how": f"mirrored {container.mirror}"})]
-    undone = [("pictures-not-turned", {"how": container.undone})] if container is not None and container.undone else []
-    if undone and container is not None and container.undone not in (SPHERE, STEREO):
-        return undone
+    mirror, undone = ("", "") if container is None else (container.mirror, container.undone)
+    facts: Facts = [("pictures-not-turned", {"how": undone})] if undone else []
+    if mirror:
+        return [("pictures-turned" if mirror in MIRRORED else "pictures-not-turned", {"how": f"mirrored {mirror}"})]
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
-    if not 0.0 < abs(angle) < 360.0:  # a matrix of zeros has no angle
-        return undone
-    how = f"rotated by {angle:g} deg"
-    return [*undone, ("pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned", {"how": how})]
+    if undone not in ("", SPHERE, STEREO) or not 0.0 < abs(angle) < 360.0:  # a matrix of zeros has no angle
+        return facts
+    turned = "pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned"
+    return [*facts, (turned, {"how": f"rotated by {angle:g} deg"})]
+
+
+def _tracks(container: Container | None) -> Facts:
+    """Fact (id of a finding with values) that a video file has several video tracks; empty if it has one."""
+    return [("video-tracks", {"count": container.tracks})] if container is not None and container.tracks > 1 else []
 
 
 def _aspect(capture: cv2.VideoCapture, container: Container | None) -> Facts:
@@ -417,8 +420,8 @@ def _aspect(capture: cv2.VideoCapture, container: Container | None) -> Facts:
         pixel = container.pixel
     if pixel == 1.0 or (container is not None and container.undone == SHEARED):
         return []
-    mirrored = container is not None and container.mirror
-    sideways = "diagonal" in container.mirror if mirrored else capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 270)
+    mirror = "" if container is None else container.mirror
+    sideways = "diagonal" in mirror or (not mirror and capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 270))
     shape = Fraction(1 / pixel if sideways else pixel).limit_denominator(1000)
     return [("pixels-not-square", {"across": shape.numerator, "down": shape.denominator})]
 
