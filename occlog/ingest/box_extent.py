@@ -44,6 +44,11 @@ MIN_IDENTICAL, MAX_HASHED = 0.5, 20_000
 """Share of boxes at the same pixels of the same frames from which two cameras are reported as one, and number of the
 boxes of a camera that are compared, about."""
 MAX_PX = 2**16
+MIN_NEIGHBOURS, MIN_OVERLAP = 0.5, 0.5
+"""Share of the pairs of boxes with successive identities in a frame that overlap, from which identities may be frame
+numbers, and intersection over union from which they do."""
+WHOLES = (100, 1000)
+"""Right and lower border of images in percents, and in the coordinates of detectors that are language models."""
 
 
 class _Border(NamedTuple):
@@ -73,6 +78,7 @@ class BoxExtents:
         self._hashes: dict[str, set[int]] = {}  # of each of the first `MAX_HASHED` boxes with its frame
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
+        self._neighbours: dict[str, Ints] = {}  # boxes of identities n and n + 1 in a frame, and those that overlap
         self._corners: dict[str, int] = {}  # boxes with a size that can be the right and lower edges
 
     def add(self, table: Boxes) -> None:
@@ -86,6 +92,7 @@ class BoxExtents:
             edges, sizes = own - size[mine], size[mine]
             corners = (sizes > edges) & (sizes <= np.array(self._sizes.get(name, (0, 0))) + BEYOND_PX)
             self._corners[name] = self._corners.get(name, 0) + int(np.count_nonzero(corners.all(axis=1)))
+            self._neighbours[name] = self._neighbours.get(name, np.zeros(2, np.int64)) + _neighbours(table.take(mine))
             hashes = self._hashes.setdefault(name, set())
             if len(hashes) < MAX_HASHED:
                 hashes.update(fingerprints([table.frame[mine], *own.T, *sizes.T]).tolist())
@@ -111,7 +118,15 @@ class BoxExtents:
         found = [*self._found(known, given)] if known_size else []
         # Corners for sizes make boxes wide, too
         explained = {name for each in found if each.id == "boxes-corners" for name in each.sensors}
-        return outcome(EXTENTS, chain(self._found_wide(explained), self._found_identical(), found), unless=none)
+        others = chain(self._found_exchanged(), self._found_wide(explained), self._found_identical())
+        return outcome(EXTENTS, chain(others, found), unless=none)
+
+    def _found_exchanged(self) -> Iterator[Check]:
+        """Yield a finding on the cameras with successive identities that overlap in a frame, as frames of one do."""
+        shares = {n: overlap / max(count, 1) for n, (count, overlap) in self._neighbours.items() if count >= MIN_SHAPES}
+        names = [name for name, share in shares.items() if share >= MIN_NEIGHBOURS]
+        if names:
+            yield finding(EXTENTS, "boxes-frame-id-exchanged", sensors=names, share=max(shares[n] for n in names))
 
     def _found_wide(self, explained: Collection[str]) -> Iterator[Check]:
         """Yield a finding on the cameras with boxes that are mostly wider than high, but for those in `explained`."""
@@ -172,7 +187,12 @@ class BoxExtents:
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
             shares[name] = max(shares.get(name, 0.0), float(count[first:].sum() / count.sum()))
-        names = [name for name, share in shares.items() if share >= MIN_BEYOND]
+        parts = {name for whole in WHOLES for name in self._in_parts(whole, shares)}
+        for whole in WHOLES:
+            if names := self._in_parts(whole, shares):
+                stated = " x ".join(map(str, self._sizes[names[0]]))
+                yield finding(EXTENTS, "boxes-in-parts", sensors=names, stated=stated, whole=whole)
+        names = [name for name, share in shares.items() if share >= MIN_BEYOND and name not in parts]
         corners = [name for name in names if self._corners[name] >= MIN_CORNERS * self._counts[name, 0].sum()]
         if corners:
             yield finding(EXTENTS, "boxes-corners", sensors=corners, share=max(shares[name] for name in corners))
@@ -181,6 +201,21 @@ class BoxExtents:
             far = " x ".join(str(max(self._farthest(name, axis) for name in names)) for axis in (0, 1))
             share = max(shares[name] for name in names)
             yield finding(EXTENTS, "boxes-end-beyond", sensors=names, share=share, found=far, allowed=MIN_BEYOND)
+
+    def _in_parts(self, whole: int, shares: Mapping[str, float]) -> list[str]:
+        """Cameras with boxes that end at `whole` in x and y, whatever the size of the images: percents, thousandths.
+
+        `shares`, by camera, of boxes that end beyond the image; without many of them, boxes have to be cut at `whole`,
+        or the images are much larger.
+        """
+        found = []
+        for name, share in shares.items():
+            ends, sides = [self._farthest(name, axis) for axis in (0, 1)], self._sizes[name]
+            other = any(abs(side / whole - 1.0) > 0.05 for side in sides)
+            cut = min(sides) > 3 * whole or all(self._border(name, axis) is not None for axis in (0, 1))
+            if other and all(0.97 * whole <= end <= whole for end in ends) and (share >= MIN_BEYOND or cut):
+                found.append(name)
+        return [name for name in found if self._counts[name, 0].sum() >= MIN_SHAPES]
 
     def _farthest(self, name: str, axis: int) -> int:
         return int(np.flatnonzero(self._counts[name, axis])[-1])
@@ -201,3 +236,16 @@ class BoxExtents:
         stated, other = self._sizes[name][axis], self._sizes[name][1 - axis]
         odd: Floats = np.array([abs(other * n / stated - round(other * n / stated)) for n in (last, last + 1)])
         return _Border(last + int(odd[1] <= odd[0]), stated)
+
+
+def _neighbours(table: Boxes) -> Ints:
+    """(2,) number of pairs of boxes with identities n and n + 1 in a frame, and of those that overlap."""
+    own = table.take(np.lexsort((table.target_id, table.frame)))
+    first = np.flatnonzero((np.diff(own.frame) == 0) & (np.diff(own.target_id) == 1) & (own.target_id[:-1] >= 0))
+    near = np.column_stack([own.left_px, own.top_px])
+    size = np.column_stack([own.width_px, own.height_px])
+    far, second, areas = near + size, first + 1, size.prod(axis=1)
+    common = np.minimum(far[first], far[second]) - np.maximum(near[first], near[second])
+    shared = np.maximum(common, 0.0).prod(axis=1)
+    overlap = shared > MIN_OVERLAP * (areas[first] + areas[second] - shared)
+    return np.array([len(first), np.count_nonzero(overlap)])

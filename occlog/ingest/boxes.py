@@ -211,7 +211,8 @@ def inside(
         lost = gone | unseen
         yield without(table, lost) if lost.any() else table
     for name, count in sorted(outside.items()):
-        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count, total))
+        extent = f" of {sizes[name][0]} x {sizes[name][1]} px" if name in sizes else " (below 0 px)"
+        losses.append(Loss(name, "boxes", OUTSIDE_IMAGE + extent, count, total))
     losses.extend(lens_losses(askew, total))
     found.extend(extents.checks(known, given=given))
     if over:

@@ -45,7 +45,7 @@ from .boxes import are_people, box_files, box_options, inside, known_cameras, no
 from .boxes import survey as survey_of
 from .plan import IngestPlan, with_offsets
 from .request import IngestRequest
-from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
+from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, sized, with_stated_sizes
 from .sources import (
     Copies,
     IngestFailures,
@@ -117,7 +117,7 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
         sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
             raise done.failures[0]
-        sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
+        sizes = {s.name: sized(s) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
         scene = fit_sizes(scene, with_stated_sizes(sizes, survey, scene, plan.image_size), note)
         if survey is not None:

@@ -24,6 +24,7 @@ from occlog.io.formats.calibration.common import CALIBRATION, mirror_matrix
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import read_readers
+from occlog.io.frames.camera_source import CameraSource
 from occlog.io.open import load_scene
 from occlog.records.messages import listed
 from occlog.records.names import first_double
@@ -155,7 +156,9 @@ def read_up(text: str) -> Floats:
 
 CROP_PX = 16
 """Video codecs cut or pad to multiples of 16 px; a difference up to this is not a change of scale."""
-SHAPE_SLACK = 0.01
+SHAPE_SLACK, PIXEL_SLACK = 0.01, 0.03
+"""Relative differences of aspect ratios that agree, and where pixels are not square: 704 or 720 columns of PAL and NTSC
+are shown as 768 or 640."""
 MIN_BAR_PX = 2.0
 BAR_SLACK_PX = 1.5
 
@@ -163,10 +166,29 @@ Bars = tuple[int, int, int, int]
 
 
 class Sized(NamedTuple):
-    """Frame size of a camera [px], and the widths of black bars at left, top, right and bottom [px]."""
+    """Frame size of a camera, and what its files state of the frames.
+
+    Attributes:
+        size: width and height [px].
+        bars: widths of black bars at left, top, right and bottom [px].
+        unturned: command that removes the rotation or mirror that was applied as metadata ask; empty: there is none.
+        pixel: width of a pixel relative to its height.
+    """
 
     size: tuple[int, int]
     bars: Bars = (0, 0, 0, 0)
+    unturned: str = ""
+    pixel: float = 1.0
+
+
+def sized(source: CameraSource) -> Sized:
+    """Frame size of a camera with a video or images, and what these state of the frames."""
+    facts = dict(source.decoder.facts)
+    across, down = (float(facts.get("pixels-not-square", {}).get(key, 1.0)) for key in ("across", "down"))
+    images = f"exiftool -Orientation= {source.path.name}"
+    undo = images if source.path.is_dir() else f"ffmpeg -display_rotation 0 -i {source.path.name} -c copy OUT"
+    turned = "pictures-turned" in facts
+    return Sized(source.decoder.size, source.decoder.bars, undo if turned else "", across / down)
 
 
 def with_stated_sizes(
@@ -213,48 +235,67 @@ def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], N
 
     `note` is called with the assumptions made. InputError if frames have another aspect ratio than the calibration.
     """
-    cameras = tuple(
-        fit_size(c, frames[c.name].size, frames[c.name].bars, note) if c.name in frames else c for c in scene.cameras
-    )
+    cameras = tuple(fit_size(c, frames[c.name], note) if c.name in frames else c for c in scene.cameras)
     return replace(scene, cameras=cameras)
 
 
-def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[str], None]) -> Camera:
+def fit_size(camera: Camera, frames: Sized, note: Callable[[str], None]) -> Camera:
     """Adapt a camera's intrinsics to frames of another size than that of its calibration, and return the new camera.
 
     Frames with black bars as wide as a change of scale makes them: scaled and centred. Frames up to 16 px smaller or
     larger: cut or padded at the right and lower edge, so that pixels keep their position. Frames of the same aspect
-    ratio: scaled.
+    ratio: scaled. Frames with pixels that are not square, calibrated as stretched to square ones: scaled in x and y.
 
     Args:
         camera: as calibrated; one without image size or pose only gets the size.
-        size: width and height of the frames [px].
-        bars: width of black bars at the left, top, right and lower edge of the frames [px].
+        frames: size of the frames, and what their file states of them.
         note: called with the assumption made.
 
     Raises:
         InputError: the frames have another aspect ratio.
     """
+    size = frames.size
     if camera.image_size is None or camera.image_size == size or not camera.placed:
         return replace(camera, image_size=size)
     old, new = np.array(camera.image_size, dtype=np.float64), np.array(size, dtype=np.float64)
     change = f"camera {camera.name}: frames of {size[0]} x {size[1]} px, calibrated for {int(old[0])} x {int(old[1])}"
     scale = float((new / old).min())
     margin = (new - old * scale) / 2
-    if margin.max() >= MIN_BAR_PX and _has_bars(bars, margin):
+    if margin.max() >= MIN_BAR_PX and _has_bars(frames.bars, margin):
         note(f"{change}: assumed to be scaled by {scale:.4g}, between black bars")
         return _scaled(camera, size, np.array([scale, scale]), margin)
     if np.abs(new - old).max() <= CROP_PX:
         note(f"{change}: assumed to be cropped or padded at the right and lower edge")
         return _scaled(camera, size, np.ones(2), np.zeros(2))
-    if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
-        raise InputError(
-            f"camera {camera.name}: frames of {size[0]} x {size[1]} px differ in aspect ratio from the calibration "
-            f"({int(old[0])} x {int(old[1])}); give the calibration of these frames, or frames of its size",
-            id="image-size-mismatch",
-        )
+    across, down = (new / old).tolist()
+    if abs(across / down - 1) > SHAPE_SLACK:
+        if frames.pixel != 1.0 and abs(across / down * frames.pixel - 1) < PIXEL_SLACK:
+            note(f"{change}: assumed to be stretched to square pixels")
+            return _scaled(camera, size, new / old, np.zeros(2))
+        raise InputError(f"camera {camera.name}: {_misfit(camera, frames)}", id="image-size-mismatch")
     note(f"{change}: assumed to be scaled by {scale:.4g}")
     return _scaled(camera, size, new / old, np.zeros(2))
+
+
+def _misfit(camera: Camera, frames: Sized) -> str:
+    """Cause and remedy, for an error, of frames of another aspect ratio than the calibration of the camera."""
+    given, stated = (f"{width} x {height}" for width, height in (frames.size, camera.image_size or (0, 0)))
+    if camera.image_size is None or not _exchanged(frames.size, camera.image_size):
+        return (
+            f"frames of {given} px differ in aspect ratio from the calibration ({stated}); give the calibration of "
+            "these frames, or frames of its size"
+        )
+    if frames.unturned:
+        return f"metadata rotate its frames to {given} px, and the calibration is for {stated}; undo: {frames.unturned}"
+    return (
+        f"frames of {given} px, calibration for {stated}: one is of images rotated by 90 degrees; give the calibration "
+        "of these frames, or rotate them"
+    )
+
+
+def _exchanged(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two sizes (width, height) have one aspect ratio if width and height of one are exchanged."""
+    return abs(one[0] * other[0] / (one[1] * other[1]) - 1) < SHAPE_SLACK
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:

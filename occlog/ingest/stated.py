@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of, offset_words
+from occlog.io.files.provenance import hash_file
 from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
 from occlog.io.files.timing.utc import utc
 from occlog.io.formats.boxes.reader import BoxSurvey, counter_bits
@@ -75,6 +77,9 @@ def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
     for source in sources:
         for id, values in source.decoder.facts:
             yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
+    for one, other in combinations([source for source in sources if source.path.is_file()], 2):
+        if one.path.stat().st_size == other.path.stat().st_size and hash_file(one.path) == hash_file(other.path):
+            yield finding(PICTURES, "videos-identical", sensors=[one.name, other.name])
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:

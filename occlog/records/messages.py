@@ -736,6 +736,17 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
     ),
+    "boxes-frame-id-exchanged": Message(
+        W,
+        "camera {sensors}: {share:.0%} of boxes with identities n and n + 1 of a frame overlap, as those of one person",
+        "exchange the columns of frames and identities",
+    ),
+    "boxes-in-parts": Message(
+        W,
+        "camera {sensors}: its boxes end at {whole} in x and y, though images have {stated} px: they may be parts of "
+        "{whole}",
+        "multiply x by width / {whole}, y by height / {whole}",
+    ),
     "boxes-restart": Message(
         W,
         "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
@@ -828,7 +839,7 @@ VERDICT: dict[str, Message] = {
     "pictures-not-turned": Message(
         N,
         "camera {sensors}: its images are stored as coded, and not {how} as the metadata of the file ask",
-        "use a calibration of images without this rotation",
+        "use a calibration of images as they are coded",
     ),
     "pixels-not-square": Message(
         N,
@@ -840,6 +851,22 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its first image has 16-bit values up to about {most:.0f} of 65535, so images are "
         "stored dark",
         "scale them to the whole range",
+    ),
+    "video-tracks": Message(
+        N,
+        "camera {sensors}: its file has {count} video tracks, of which the first is read",
+        "extract another one: ffmpeg -i IN -map 0:v:1 -c copy OUT",
+    ),
+    "videos-identical": Message(
+        W, "cameras {sensors} have one and the same video", "give each camera its own, or leave one out"
+    ),
+    "pictures-black": Message(
+        W,
+        "camera {sensors}: all {count} images are black (values up to {most:.0f} of 255)",
+        "check lens cap, exposure, and how they were converted",
+    ),
+    "pictures-identical": Message(
+        W, "camera {sensors}: all {count} images are identical", "check whether its stream or recorder stood still"
     ),
     "video-start": Message(
         N,

@@ -55,6 +55,42 @@ def found(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tupl
     return [check for check in extents.checks(known) if check.found]
 
 
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_columns_of_frames_and_identities_that_are_exchanged_are_reported(exchanged: bool) -> None:
+    """Five people who walk for 40 frames."""
+    order = "xy" if exchanged else "ij"
+    frame, person = (each.ravel() for each in np.meshgrid(np.arange(40), np.arange(5), indexing=order))
+    table = Boxes.of(
+        t_ns=person if exchanged else frame,
+        sensor=["a"] * 200,
+        frame=person if exchanged else frame,
+        box=np.zeros(200, dtype=int),
+        left_px=300.0 * person + 2.0 * frame,
+        top_px=np.full(200, 100.0),
+        width_px=np.full(200, 40.0),
+        height_px=np.full(200, 100.0),
+        confidence=np.full(200, np.nan),
+        target_id=frame if exchanged else person,
+    )
+    ids = [check.id for check in found({"a": SIZE}, [table])]
+    assert ids == (["boxes-frame-id-exchanged"] if exchanged else [])
+
+
+@pytest.mark.parametrize("size", [(1920, 1080), (1280, 720), (640, 480), (1024, 1024)])
+@pytest.mark.parametrize("whole", [100, 1000])
+def test_boxes_in_percents_and_thousandths_are_reported(size: tuple[int, int], whole: int) -> None:
+    rng = np.random.default_rng(4)
+    ids = [
+        check.id
+        for check in found(
+            {"a": size, "b": size}, [boxes(name, rng, (whole, whole), (whole + 1, whole + 1)) for name in "ab"]
+        )
+    ]
+    assert ("boxes-in-parts" in ids) == (size[0] != size[1])
+    right = [boxes(name, rng, size, size) for name in "ab"]
+    assert "boxes-in-parts" not in [check.id for check in found({"a": size, "b": size}, right)]
+
+
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])
 def test_boxes_that_end_at_another_size_are_reported_with_the_factor(true: tuple[int, int]) -> None:
     rng = np.random.default_rng(4)

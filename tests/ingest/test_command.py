@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -249,6 +250,51 @@ def test_frames_of_another_size_than_calibrated(
     code, err = calibrated_for("300, 120", "e.mcap")
     assert code == ExitCode.BAD_INPUT
     assert "differ in aspect ratio" in err
+
+
+def test_frames_that_metadata_turn_and_a_calibration_of_the_raw_ones(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The calibration has the size of the raw frames: the cause is named, and the command that removes the rotation."""
+    video = with_display(write_video(place / "mp4v.mp4"), (0, 1, -1, 0))
+    assert ingest(place, "--video", f"cam1={video}") == ExitCode.BAD_INPUT
+    assert "ffmpeg -display_rotation 0 -i mp4v.mp4 -c copy" in capsys.readouterr().err
+    (place / "images").mkdir()
+    for index in range(3):
+        (place / "images" / f"{index}.jpg").write_bytes(exif_turned(jpeg(index)))
+    assert ingest(place, "--images", f"cam1={place / 'images'}", "--fps", "10") == ExitCode.BAD_INPUT
+    assert "exiftool -Orientation= images" in capsys.readouterr().err
+    turned = SCENE.replace("[160, 120]}\n- {name: cam2", "[120, 160]}\n- {name: cam2")
+    (place / "scene.yaml").write_text(turned)
+    assert ingest(place, "--video", f"cam1={video}") == ExitCode.DONE
+    upright = with_display(write_video(place / "mp4v.mp4"), (1, 0, 0, 1))
+    assert ingest(place, "--video", f"cam1={upright}", output="other.mcap") == ExitCode.BAD_INPUT
+    assert "of images rotated by 90 degrees" in capsys.readouterr().err
+
+
+def test_pixels_that_are_not_square_and_a_calibration_of_stretched_frames(place: Path) -> None:
+    video = with_display(write_video(place / "mp4v.mp4"), (1.5, 0, 0, 1))
+    (place / "scene.yaml").write_text(SCENE.replace("[160, 120]}\n- {name: cam2", "[240, 120]}\n- {name: cam2"))
+    assert ingest(place, "--video", f"cam1={video}") == ExitCode.DONE
+    camera = open_recording(place / "out.mcap").scene.camera("cam1")  # type: ignore[union-attr]
+    assert camera.focal_px == pytest.approx([100, 150])
+    assert camera.image_size == (160, 120)
+
+
+def with_display(path: Path, matrix: tuple[float, float, float, float]) -> Path:
+    """An MP4 file with a, b, c, d of its display matrix replaced."""
+    data = bytearray(path.read_bytes())
+    a, b, c, d = (round(each * 65536) for each in matrix)
+    struct.pack_into(">5i", data, data.find(b"tkhd") + 44, a, b, 0, c, d)
+    path.write_bytes(bytes(data))
+    return path
+
+
+def exif_turned(data: bytes) -> bytes:
+    """A JPEG image with the Exif orientation 6: turned by 90 degrees clockwise."""
+    entry = struct.pack(">HHHIHH", 1, 0x0112, 3, 1, 6, 0)
+    exif = b"Exif\0\0MM\0*" + struct.pack(">I", 8) + entry + bytes(4)
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
 
 
 def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:

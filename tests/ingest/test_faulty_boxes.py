@@ -11,7 +11,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import open_recording
-from occlog.records.losses import MINOR_SHARE, Loss
+from occlog.records.losses import MINOR_SHARE, OUTSIDE_IMAGE, Loss
 from occlog.records.tables import Boxes
 
 HEAD = "frame,left,top,width,height,confidence"
@@ -42,6 +42,11 @@ def good(frames: int) -> list[str]:
         ("3,nan,20,30,40,0.5", "boxes without a size"),
         ("3,10,20,30,,0.5", "boxes without a size"),
         ("3,103,50,40,100,0.9", "copies of another box of the frame"),
+        *(
+            (f"3,10,{far},30,40,0.5", "boxes that reach beyond 1e+06 px")
+            for far in ("Infinity", "-inf", "1e9", "1e400")
+        ),
+        ("3,10,20,inf,40,0.5", "boxes that reach beyond 1e+06 px"),
     ],
 )
 def test_a_faulty_box_is_left_out_and_listed(bad: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -52,6 +57,21 @@ def test_a_faulty_box_is_left_out_and_listed(bad: str, kind: str, capsys: pytest
     kept = Boxes.concat(open_recording(Path("r.mcap")).tables(Boxes))
     np.testing.assert_array_equal(kept.frame, np.arange(20))
     assert (kept.box == 0).all()
+
+
+def test_infinite_values_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+    boxes = [{"frame": k, "bbox": [100.0 + k, 50, 40, 100 if k else float("inf")]} for k in range(20)]
+    Path("b.json").write_text(json.dumps(boxes))
+    words = ["ingest", "-o", "r.mcap", "--boxes", "cam=b.json", "--fps", "10", "--allow-uncalibrated", "--json"]
+    assert run(words) == ExitCode.LOSSY
+    (loss,) = json.loads(capsys.readouterr().out)["losses"]
+    assert (loss["what"], loss["count"]) == ("boxes that reach beyond 1e+06 px", 1)
+
+
+def test_boxes_left_of_images_of_an_unknown_size_are_left_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ingest(["0,-90,10,40,80,0.9", *good(20)], "--json") == ExitCode.LOSSY
+    (loss,) = json.loads(capsys.readouterr().out)["losses"]
+    assert (loss["count"], loss["what"].startswith(OUTSIDE_IMAGE)) == (1, True)
 
 
 def test_a_frame_with_faulty_boxes_alone_is_one_without_a_detection() -> None:

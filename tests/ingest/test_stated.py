@@ -55,7 +55,16 @@ def test_videos_that_start_at_other_time_stamps(tmp_path: Path) -> None:
     assert found["video-start"].figures["start_s"] == pytest.approx(1.45, abs=0.06)
     assert "--start-time b=1.4" in found["video-start"].text
     assert ingest(tmp_path, *both, "--start-time", "b=1.45") == {}
-    assert ingest(tmp_path, "--video", f"a={later}", "--video", f"b={later}") == {}
+    other = write_video(tmp_path / "c.ts", frames=39, fourcc="MPG2")
+    assert ingest(tmp_path, "--video", f"a={later}", "--video", f"b={other}") == {}
+
+
+def test_one_video_of_two_cameras_is_reported(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "mp4v.mp4")
+    copy = tmp_path / "copy.mp4"
+    copy.write_bytes(video.read_bytes())
+    found = ingest(tmp_path, "--video", f"a={video}", "--video", f"b={copy}")
+    assert found["videos-identical"].sensors == ("a", "b")
 
 
 def sidecar(path: Path, times: np.ndarray, head: str = "") -> Path:

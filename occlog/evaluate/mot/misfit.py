@@ -35,6 +35,8 @@ REFLECTION_CELL_PX = 4.0
 """Size of the cells of the search for the size of images that are mirrored."""
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
+RATES = (2.0, 0.5, 3.0, 5.0)
+"""Factors between frame numbers of every n-th frame that are counted from 0."""
 
 
 class SampledBoxes(NamedTuple):
@@ -43,11 +45,13 @@ class SampledBoxes(NamedTuple):
     Attributes:
         frame: (n,) number of the frame, or of the time step.
         view: (n,) number of the camera.
+        target: (n,) identity.
         ltwh: (n, 4) left, top, width and height [px].
     """
 
     frame: Ints
     view: Ints
+    target: Ints
     ltwh: Floats
 
     @classmethod
@@ -60,12 +64,13 @@ class SampledBoxes(NamedTuple):
         view = np.array([index.get(name, -1) for name in rows.sensor.tolist()], dtype=np.int64)
         ltwh = np.column_stack([rows.left_px, rows.top_px, rows.width_px, rows.height_px])
         own = np.flatnonzero((view >= 0) & (ltwh[:, 2:] > 0.0).all(axis=1))[:MAX_ROWS]
-        return cls(frame[own], view[own], ltwh[own])
+        return cls(frame[own], view[own], rows.target_id[own].astype(np.int64), ltwh[own])
 
     @classmethod
     def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
         """Return the concatenated samples; without parts, empty ones."""
-        nothing = cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)))
+        none = np.zeros(0, np.int64)
+        nothing = cls(none, none, none, np.zeros((0, 4)))
         return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
     @property
@@ -110,14 +115,20 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
 def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
     """Generate corrections of the tracks with their descriptions, simplest first.
 
-    Each other meaning of the boxes comes alone, and with the shift of frame numbers that then fits best.
+    Other frame numbers, and each other meaning of the boxes, come with the shift of frame numbers that then fits best;
+    a meaning of the boxes also alone.
     """
+    numbers = {"frame numbers and identities exchanged": tracks.target}
+    numbers |= {f"frame numbers multiplied by {rate:.3g}": np.rint(rate * tracks.frame).astype(int) for rate in RATES}
+    for words, frame in numbers.items():
+        renumbered = tracks._replace(frame=frame)
+        yield words, renumbered._replace(frame=frame + _best_shift(renumbered, truth))
     for words, change in _of_boxes():
         ltwh = change(tracks.ltwh)
         there = (ltwh[:, 2:] > 0.0).all(axis=1)
         if np.count_nonzero(there) < MIN_FIT * len(ltwh):
             continue
-        changed = SampledBoxes(tracks.frame[there], tracks.view[there], ltwh[there])
+        changed = SampledBoxes(tracks.frame[there], tracks.view[there], tracks.target[there], ltwh[there])
         if words:
             yield words, changed
         shift = _best_shift(changed, truth)

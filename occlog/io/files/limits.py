@@ -55,6 +55,9 @@ def check_regular(path: Path, mode: int, what: str) -> None:
         )
 
 
+_STREAMS = ("rtsp:", "rtsps:", "rtmp:", "udp:", "rtp:", "srt:")
+
+
 def check_input(path: Path, what: str) -> Path:
     """Return `path` if it is a readable regular file that is not empty; InputError otherwise.
 
@@ -70,7 +73,9 @@ def check_input(path: Path, what: str) -> Path:
         with path.open("rb"):
             pass
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; {what} was expected", id="file-not-found") from None
+        streamed = f"; record the stream first: ffmpeg -i {path.parts[0]}//... -c copy FILE.mkv"
+        hint = streamed if path.parts[0] in _STREAMS else ""
+        raise InputError(f"{path}: no such file; {what} was expected{hint}", id="file-not-found") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     except ValueError:  # a zero byte

@@ -11,6 +11,7 @@ from occlog.errors import InputError
 START = 8192
 """Bytes at the beginning of a file by which it is recognised."""
 BOXES = "export COCO or YOLO, or write CSV: frame,left,top,width,height"
+EDGES_PX = "write CSV in pixels: frame,x1,y1,x2,y2"
 CAMERAS = "write camera_matrix, distortion_coefficients, R and T of each camera by cv2.FileStorage"
 POSITIONS = "write CSV: time,id,x,y, in metres, with z up"
 
@@ -53,6 +54,9 @@ PROGRAMS = (
         rb'"image"',
         begin=_JSON,
     ),
+    _program("JSON of Gemini (y, x of 0 to 1000)", EDGES_PX, rb'"box_2d"', begin=_JSON),
+    _program("JSON of Qwen (pixels, or 0 to 1000)", EDGES_PX, rb'"bbox_2d"', begin=_JSON),
+    _program("JSON of Detectron2 (bbox in several modes)", EDGES_PX, rb'"bbox_mode"', begin=_JSON),
     _program(
         "JSON of keypoints",
         "write CSV: frame,left,top,width,height",
@@ -73,6 +77,14 @@ PROGRAMS = (
     _program("settings of ORB-SLAM, without a pose", CAMERAS, rb"\nCamera1?\.fx:"),
     _program("a device calibration of a ZED camera", CAMERAS, rb"\[(?:LEFT|RIGHT)_CAM_"),
     _program("a calibration of Bouguet's toolbox", CAMERAS, rb"\n(?:fc|omc_1)\s*=\s*\["),
+    _program("JSON with matrices as lists", CAMERAS, rb'"(?:mtx|camera_matrix|K)"\s*:\s*\[\s*\[', begin=_JSON),
+    _program("YAML with matrices as lists", CAMERAS, rb"(?:\A|\n)(?:mtx|camera_matrix|K):\s*(?:\[\s*\[|- - )"),
+    _program(
+        "a pickle of Python", "write .npz: np.savez(FILE, K=..., R=..., t=..., dist=...)", begin=rb"\x80[\x02-\x05]"
+    ),
+    _program("a lens model of OCamCalib", CAMERAS, begin=rb"#polynomial coefficients for the DIRECT"),
+    _program("intrinsics of RealSense, without a pose", CAMERAS, rb'"ppx"', rb'"ppy"', begin=_JSON),
+    _program("camera parameters of Pix4D", CAMERAS, begin=rb"fileName imageWidth imageHeight"),
     _program("a Bundler model", CAMERAS, begin=rb"# Bundle file"),
     _program("a model of VisualSFM", CAMERAS, begin=rb"NVM_V"),
     _program("an export of OptiTrack Motive", POSITIONS, begin=rb"(?:\xef\xbb\xbf)?Format Version,"),

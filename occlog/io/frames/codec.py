@@ -203,8 +203,9 @@ DARK = (
 """Fault of pictures of which `is_dark` holds."""
 Facts = list[tuple[str, dict[str, str | float]]]
 """Ids of findings (`occlog.records.messages.VERDICT`) of what a file states of its pictures, with their values."""
-BLACK = 24
-"""Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
+BLACK, MIN_SAME = 24, 10
+"""Mean of the brightest channel up to which a row or column is a black bar, as codecs leave some noise in it, also the
+largest value of a black image; and number of identical images from which they are stated."""
 
 
 def image_kind(data: bytes) -> str | None:
@@ -337,6 +338,8 @@ def decode_image(data: bytes, where: str) -> Image:
         raise InputError(
             f"{where}: cannot be decoded ({' '.join(str(error.err).split())}); copy or repair it", id="damaged-file"
         ) from None
+    if image is None and data.startswith(DEEP_MARKS[:2]) and _is_float(data):
+        raise InputError(f"{where}: its values are no whole numbers; write 8 bits, 0 to 255", id="unsupported-format")
     if image is None:
         raise InputError(
             f"{where}: not an image, or a damaged one ({len(data)} bytes); copy or convert it", id="damaged-file"
@@ -345,6 +348,12 @@ def decode_image(data: bytes, where: str) -> Image:
         return scaled(image, most)
     _check_depth(data, where)
     return image  # type: ignore[no-any-return]
+
+
+def _is_float(data: bytes) -> bool:
+    """Whether the values of an image file, whatever they are, are floating-point numbers."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image is not None and image.dtype.kind == "f"
 
 
 def _check_depth(data: bytes, where: str) -> None:
@@ -413,6 +422,31 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
     if not columns.any() or not rows.any():
         return 0, 0, 0, 0
     return int(columns.argmax()), int(rows.argmax()), int(columns[::-1].argmax()), int(rows[::-1].argmax())
+
+
+class Contents:
+    """Whether all images of a camera are black, or the same; images are compared until one is not."""
+
+    def __init__(self) -> None:
+        """Start without images."""
+        self._count, self._brightest, self._first = 0, 0, np.zeros(0, np.uint8)
+        self._is_same = True
+
+    def add(self, image: Image) -> None:
+        """Add an image, after which it may be overwritten."""
+        if not self._count:
+            self._first = image.copy()
+        elif self._is_same:
+            self._is_same = np.array_equal(self._first, image)
+        if self._brightest <= BLACK:
+            self._brightest = max(self._brightest, int(image.max()))
+        self._count += 1
+
+    def facts(self) -> Facts:
+        """Fact `pictures-black` or `pictures-identical` on the images added so far; empty if neither holds."""
+        if self._count and self._brightest <= BLACK:
+            return [("pictures-black", {"count": self._count, "most": self._brightest})]
+        return [("pictures-identical", {"count": self._count})] if self._is_same and self._count >= MIN_SAME else []
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:

@@ -11,6 +11,7 @@ import shlex
 import struct
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from itertools import chain, pairwise
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import utf8_name
-from occlog.io.video.container import MIRRORS, Container
+from occlog.io.video.container import MIRRORS, SHEARED, SLACK, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
@@ -206,6 +207,8 @@ def _segments(source: str, frames: Ints, what: str) -> Iterable[Loss]:
 
 PATIENCE = 64
 """Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
+NO_PTS = 2.0**62
+"""Least time stamp of FFmpeg's for a frame without one (AV_NOPTS_VALUE); OpenCV divides none of it away."""
 MAX_HELD = 16
 """Pictures that a decoder holds to bring them into their order, at most (H.264)."""
 TRIAL = 4
@@ -336,6 +339,9 @@ def _describe(
         )
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
+    start_s = _start_s(capture, first)
+    if frames is not None and start_s > 0.0 and _begins_with(path, b"FLV"):
+        frames -= round(start_s * fps)  # estimated from its duration, which counts from 0
     code = struct.pack("<I", int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF)
     deep = code.decode("latin-1") in DEEP_CODES or code[::-1].decode("latin-1") in DEEP_CODES or 16 in code[::3]
     return VideoFile(
@@ -347,14 +353,20 @@ def _describe(
         bars=dark_bars(image),
         deep=deep,
         facts=[
+            *_tracks(container),
             *_orientation(capture, container),
-            *_aspect(capture),
+            *_aspect(capture, container),
             *(dim_values(int(image.max()), FULL) if deep else ()),
         ],
-        start_s=_start_s(capture, first),
+        start_s=start_s,
         capture=capture,
         raw=chain([first], pictures),
     )
+
+
+def _begins_with(path: Path, mark: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark
 
 
 def _remedied(path: Path, what: str) -> str:
@@ -378,28 +390,48 @@ def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Fact
     """Fact (id of a finding with values) that a video file asks for rotated or mirrored pictures; empty if it does not.
 
     `pictures-turned` if the decoder applies this, `pictures-not-turned` if not; of rotations, multiples of 90 degrees
-    are applied.
+    are applied, and nothing but rotations and mirrors.
     """
+    mirror, undone = ("", "") if container is None else (container.mirror, container.undone)
+    facts: Facts = [("pictures-not-turned", {"how": undone})] if undone else []
+    if mirror:
+        return [("pictures-turned" if mirror in MIRRORED else "pictures-not-turned", {"how": f"mirrored {mirror}"})]
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
-    if container is not None and container.mirror:
-        applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
-        return [(applied, {"how": f"mirrored {container.mirror}"})]
-    if not angle:
-        return []
-    how = f"rotated by {angle:g} deg"
-    return [("pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned", {"how": how})]
+    if undone not in ("", SPHERE, STEREO) or not 0.0 < abs(angle) < 360.0:  # a matrix of zeros has no angle
+        return facts
+    turned = "pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned"
+    return [*facts, (turned, {"how": f"rotated by {angle:g} deg"})]
 
 
-def _aspect(capture: cv2.VideoCapture) -> Facts:
-    """Fact (id of a finding with values) that pixels of a video are not square; empty if they are."""
+def _tracks(container: Container | None) -> Facts:
+    """Fact (id of a finding with values) that a video file has several video tracks; empty if it has one."""
+    return [("video-tracks", {"count": container.tracks})] if container is not None and container.tracks > 1 else []
+
+
+def _aspect(capture: cv2.VideoCapture, container: Container | None) -> Facts:
+    """Fact (id of a finding with values) that pixels of a video are not square; empty if they are.
+
+    Stated are the pixels of the pictures as they are turned.
+    """
     across, down = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
-    return [("pixels-not-square", {"across": across, "down": down})] if min(across, down) > 0 and across != down else []
+    pixel = across / down if min(across, down) > 0 else 1.0
+    # Of a matrix that turns and stretches FFmpeg takes the scales of the other axes
+    if container is not None and min(abs(container.pixel - 1.0), abs(container.pixel / pixel - 1.0)) > SLACK:
+        pixel = container.pixel
+    if pixel == 1.0 or (container is not None and container.undone == SHEARED):
+        return []
+    mirror = "" if container is None else container.mirror
+    sideways = "diagonal" in mirror or (not mirror and capture.get(cv2.CAP_PROP_ORIENTATION_META) in (90, 270))
+    shape = Fraction(1 / pixel if sideways else pixel).limit_denominator(1000)
+    return [("pixels-not-square", {"across": shape.numerator, "down": shape.denominator})]
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
     """Offset of the file's time stamps from the decoder's times [s], by the first frame; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
-    return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
+    if stamp is None or not rate > 0 or abs(pts := capture.get(stamp)) >= NO_PTS:
+        return math.nan
+    return pts / rate - first.pos_ns / NS
 
 
 def _faults(container: Container | None) -> str:

@@ -34,7 +34,9 @@ MIRRORS: dict[tuple[int, ...], str] = {
     (0, -1, -1, 0): "along the diagonal from top right",
 }
 """Mirrors by the signs of a, b, c, d of a display matrix: x' = a x + c y, y' = b x + d y."""
-OTHER_MIRROR = "at another angle"
+OTHER_MIRROR, SHEARED, STEREO, SPHERE = "at another angle", "sheared", "split into two views", "unrolled from a sphere"
+SLACK = 0.02
+"""Relative difference from a display that scales, shears or stretches: coded sizes are multiples of 16, cut to 1080."""
 
 
 def mirror_of(a: float, b: float, c: float, d: float) -> str:
@@ -64,6 +66,10 @@ class Container:
         largest: AVI only: size of the largest frame [bytes] by the header, and in the file.
         mirror: how the metadata ask players to mirror the pictures: a value of `MIRRORS`, or `OTHER_MIRROR`; empty:
             not.
+        pixel: MP4 only: width of a coded pixel as displayed, relative to its height, by the header of the track.
+        undone: what else the metadata ask of the display, which no decoder does: `SHEARED`, scaled, or `STEREO`; empty:
+            nothing.
+        tracks: number of video tracks, of which the first is read.
     """
 
     kind: str
@@ -78,6 +84,9 @@ class Container:
     first_ns: int = 0
     largest: tuple[int, int] | None = None
     mirror: str = ""
+    pixel: float = 1.0
+    undone: str = ""
+    tracks: int = 1
 
     @property
     def frames(self) -> int | None:

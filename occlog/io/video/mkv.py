@@ -5,6 +5,7 @@ Also replaces FFmpeg's random track UIDs in WebM files by fixed ones, so that eq
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 import zlib
@@ -21,7 +22,8 @@ from occlog.io.files.timing.frame_times import MAX_RATE_DENOMINATOR
 
 from .container import (
     MAX_FRAMES,
-    OTHER_MIRROR,
+    SPHERE,
+    STEREO,
     BrokenContainerError,
     Container,
     Faults,
@@ -35,6 +37,7 @@ EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966
 TICK, DURATION = 0x2AD7B1, 0x4489
 ENTRY, NUMBER, TYPE, FRAME_NS, CODEC, TRACK_SCALE = 0xAE, 0xD7, 0x83, 0x23E383, 0x86, 0x23314F
 VIDEO, PROJECTION, YAW, ROLL = 0xE0, 0x7670, 0x7673, 0x7675
+PROJECTED, VIEWS = 0x7671, 0x53B8
 CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
 BLOCK_HEAD = b"\x81\0\0"
 """Beginning of a block of track 1 at the time of its cluster, before its flags."""
@@ -64,6 +67,8 @@ class _MkvScan:
     frame_ns: int = 0
     scale: float = 1.0  # of the track's ticks
     codec: bytes = b""
+    undone: str = ""
+    tracks: int = 0
     mirror: str = ""  # a rectangular projection seen from behind
     ticks: list[int] = field(default_factory=list)
     problems: Faults = field(default_factory=Faults)
@@ -216,6 +221,9 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
     for entry in (e for e in children(data, start, stop) if e.id == ENTRY):
         values = {e.id: e for e in children(data, entry.start, entry.stop or stop)}
         if NUMBER in values and TYPE in values and _uint(data, values[TYPE]) == 1:
+            found.tracks += 1
+            if found.tracks > 1:
+                continue
             found.track = _uint(data, values[NUMBER])
             found.frame_ns = _uint(data, values[FRAME_NS]) if FRAME_NS in values else 0
             scale = _float(data, values[TRACK_SCALE], 1.0) if TRACK_SCALE in values else 1.0
@@ -226,8 +234,12 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
                 for axis in (YAW, ROLL)
             )
             if abs(yaw) == 180.0:
-                found.mirror = OTHER_MIRROR if roll else mirror_of(-1, 0, 0, 1)
-            return
+                x, y = (round(part(math.radians(roll)), 6) for part in (math.cos, math.sin))
+                found.mirror = mirror_of(-x, y, y, x)
+            ways = {SPHERE: (VIDEO, PROJECTION, PROJECTED), STEREO: (VIDEO, VIEWS)}
+            found.undone = next(
+                (how for how, path in ways.items() if any(_uint(data, e) for e in _below(data, entry, path))), ""
+            )
 
 
 def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_end: bool) -> int:
@@ -287,7 +299,18 @@ def _container(found: _MkvScan) -> Container:
     ticks = np.array([tick * tick_ns for tick in sorted(found.ticks)], dtype=np.int64)
     rate = Fraction(NS, found.frame_ns).limit_denominator(MAX_RATE_DENOMINATOR) if found.frame_ns else None
     pts, broken, first = _fill_grid(ticks, found)
-    return Container("matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first, mirror=found.mirror)
+    return Container(
+        "matroska",
+        pts,
+        broken,
+        True,
+        rate,
+        tuple(found.problems),
+        first_ns=first,
+        mirror=found.mirror,
+        undone=found.undone,
+        tracks=found.tracks,
+    )
 
 
 def _fill_grid(times: Ints, found: _MkvScan) -> tuple[Ints, Bools, int]:

@@ -5,6 +5,7 @@ The samples of the video track are in tables of the index (moov), and in fragmen
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 from collections.abc import Iterator
@@ -17,6 +18,10 @@ from occlog.array_types import NS, Bools, Ints
 
 from .container import (
     MAX_FRAMES,
+    SHEARED,
+    SLACK,
+    SPHERE,
+    STEREO,
     BrokenContainerError,
     ByteRange,
     Container,
@@ -31,6 +36,9 @@ LATEST = 2**62
 USUAL_SPEED = 1 << 16
 SMALLEST_FRAME = 8
 """Bytes."""
+NO_VIDEO = "it names no video track"
+ONE = 1 << 16
+"""1 in a display matrix."""
 
 
 class VideoSampleTable(NamedTuple):
@@ -284,11 +292,13 @@ def parse(data: mmap.mmap) -> Container:
     try:
         return _container(data, moov, [b for b in top if b.kind == b"moof"], problems)
     except BrokenContainerError as bad:
+        if bad.what == NO_VIDEO:
+            return unknown_frames("mp4", *problems, ("moov", "it has no video track, as a file of sound"))
         return unknown_frames("mp4", *problems, (f"byte {bad.byte}", f"the index (box moov) is damaged: {bad.what}"))
 
 
 def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problems: list[tuple[str, str]]) -> Container:
-    trak, track_id, mirror = _video_track(data, moov)
+    trak, track_id, display = _video_track(data, moov)
     samples = _sample_table(data, trak, problems)
     if moofs:
         samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
@@ -313,22 +323,61 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
     lasting = samples.duration[samples.duration > 0]
     step = int(np.median(lasting)) if len(lasting) else 0
     rate = Fraction(samples.scale, step).limit_denominator(1001) if step else None
-    return Container("mp4", pts, broken, True, rate, tuple(problems), mirror=mirror)
+    return Container("mp4", pts, broken, True, rate, tuple(problems), **display._asdict())
 
 
-def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, str]:
-    """First video track (box trak) in the box `moov`, its number, and how its display matrix mirrors pictures.
+class _Display(NamedTuple):
+    """What a track header states of the display of its pictures: fields of `Container`."""
 
-    ISO/IEC 14496-12 sec. 8.3.2. BrokenContainerError if there is no video track.
+    mirror: str = ""
+    pixel: float = 1.0
+    undone: str = ""
+    tracks: int = 1
+
+
+def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, _Display]:
+    """First video track (box trak) in the box `moov`, its number, and how its pictures are to be displayed.
+
+    BrokenContainerError if there is no video track.
     """
+    found: list[tuple[ByteRange, ByteRange]] = []
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
-            tkhd = need_box(data, trak, b"tkhd")
-            version = data[tkhd.start]
-            a, b, _, c, d = unpack(data, ">5i", tkhd.start + (52 if version else 40))
-            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0], mirror_of(a, b, c, d)
-    raise BrokenContainerError(moov.start, "it names no video track")
+            stsz = find_box(data, trak, b"mdia", b"minf", b"stbl", b"stsz")
+            if not found or (stsz is not None and unpack(data, ">I", stsz.start + 8)[0] > 1):  # no preview
+                found.append((trak, need_box(data, trak, b"tkhd")))
+    if not found:
+        raise BrokenContainerError(moov.start, NO_VIDEO)
+    trak, tkhd = found[0]
+    version = data[tkhd.start]
+    track_id = unpack(data, ">I", tkhd.start + (20 if version else 12))[0]
+    display = _display(data, trak, tkhd.start + (52 if version else 40))
+    return trak, track_id, display._replace(tracks=len(found))
+
+
+def _display(data: mmap.mmap, trak: ByteRange, at: int) -> _Display:
+    """Display of the pictures of the track `trak` by the matrix and the size at byte `at` of its header.
+
+    ISO/IEC 14496-12 sec. 6.2.2 and 8.3.2. FFmpeg takes rotations from the matrix, and no scale.
+    """
+    a, b, u, c, d, v, _, _, _, width, height = unpack(data, ">9i2I", at)
+    across, down = math.hypot(a, b) / ONE, math.hypot(c, d) / ONE
+    if not across * down:
+        return _Display()
+    mirror = mirror_of(a, b, c, d)
+    stsd = find_box(data, trak, b"mdia", b"minf", b"stbl", b"stsd")
+    coded = (0, 0) if stsd is None or stsd.start + 44 > stsd.stop else unpack(data, ">2H", stsd.start + 40)
+    pixel = across / down * (width * coded[1] / (height * coded[0]) if all((width, height, *coded)) else 1.0)
+    if u or v or abs(a * c + b * d) > SLACK * across * down * ONE**2:
+        return _Display(undone=SHEARED)
+    described = b"" if stsd is None else data[stsd.start : min(stsd.stop, len(data))]
+    if b"sv3d" in described:  # Google's spherical video
+        return _Display(mirror, pixel, SPHERE)
+    if (at := described.find(b"st3d")) >= 0 and any(described[at + 8 : at + 9]):
+        return _Display(mirror, pixel, STEREO)
+    is_scaled = abs(across / down - 1.0) < SLACK < abs(across - 1.0)
+    return _Display(mirror, pixel, f"scaled by {across:.3g}" if is_scaled else "")
 
 
 def _sample_table(data: mmap.mmap, trak: ByteRange, problems: list[tuple[str, str]]) -> VideoSampleTable:

@@ -29,7 +29,7 @@ from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, PositionSource
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
-from .camera_checks.pair_overlap import person_heights
+from .camera_checks.pair_overlap import BODY_HEADS, person_heights
 from .frame_detections import (
     BoxStatistics,
     FrameDetectionsWithIds,
@@ -80,6 +80,8 @@ def height_readings(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Itera
         yield "boxes have y, x in place of x, y", median_height(person_heights(exchanged, cameras))
         swapped = [np.hstack([own[:, :2], own[:, :2] + size[:, ::-1]]) for own, size in zip(boxes, sizes, strict=True)]
         yield "widths and heights of boxes are exchanged", median_height(person_heights(swapped, cameras))
+    bodies = [np.column_stack([own[:, :3], own[:, 1] + BODY_HEADS * (own[:, 3] - own[:, 1])]) for own in boxes]
+    yield "boxes are of heads (give boxes of whole bodies)", median_height(person_heights(bodies, cameras))
     by_camera = [dict(other_angle_readings(camera.rotation)) for camera in cameras]
     for words in by_camera[0] if by_camera else ():
         if all(words in each for each in by_camera):

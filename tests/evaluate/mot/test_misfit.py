@@ -57,6 +57,11 @@ def exchanged(tracks: np.ndarray) -> np.ndarray:
     return tracks[:, [0, 1, 3, 2, 5, 4]]
 
 
+def every_third(tracks: np.ndarray) -> np.ndarray:
+    kept = tracks[tracks[:, 0] % 3 == 0]
+    return np.column_stack([kept[:, 0] // 3, kept[:, 1:]])
+
+
 def mirrored(tracks: np.ndarray) -> np.ndarray:
     return np.column_stack([tracks[:, :2], 1920.0 - tracks[:, 2] - tracks[:, 4], tracks[:, 3:]])
 
@@ -69,6 +74,8 @@ def from_below(tracks: np.ndarray) -> np.ndarray:
     ("change", "words"),
     [
         (exchanged, "x and y exchanged"),
+        (lambda tracks: tracks[:, [1, 0, 2, 3, 4, 5]], "frame numbers and identities exchanged"),
+        (every_third, "frame numbers multiplied by 3"),
         (mirrored, "images mirrored"),
         (from_below, "y counted from below"),
         (scaled, "boxes multiplied by 1.5 (images of another size)"),

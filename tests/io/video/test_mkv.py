@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.io.video.container import MAX_FAULTS, Container
+from occlog.io.video.container import MAX_FAULTS, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 
 STEP = 40_000_000
@@ -75,6 +75,31 @@ def test_a_track_may_have_ticks_of_its_own(tmp_path: Path, scale: float, shown: 
     own = element(0x23314F, struct.pack(">f", scale))
     data = video(cluster(0, block(0), block(40)), cluster(100, block(0)), more=own)
     assert times(parsed(tmp_path, data)) == shown
+
+
+@pytest.mark.parametrize(
+    ("yaw", "roll", "how"),
+    [
+        (0.0, 90.0, ""),
+        (180.0, 0.0, "left to right"),
+        (-180.0, 180.0, "top to bottom"),
+        (180.0, 90.0, "along the diagonal from top left"),
+        (180.0, -90.0, "along the diagonal from top right"),
+        (180.0, 45.0, "at another angle"),
+    ],
+)
+def test_a_mirror_is_a_yaw_of_180_degrees_with_a_roll(tmp_path: Path, yaw: float, roll: float, how: str) -> None:
+    """As FFmpeg writes and reads it."""
+    pose = element(0x7673, struct.pack(">f", yaw)) + element(0x7675, struct.pack(">f", roll))
+    shown = element(0xE0, element(0x7670, pose))
+    assert parsed(tmp_path, video(cluster(0, block(0)), more=shown)).mirror == how
+
+
+@pytest.mark.parametrize(("mode", "sphere", "undone"), [(1, 0, STEREO), (0, 1, SPHERE), (0, 0, "")])
+def test_stereo_and_spherical_pictures_and_further_tracks(tmp_path: Path, mode: int, sphere: int, undone: str) -> None:
+    shown = element(0xE0, number(0x53B8, mode) + element(0x7670, number(0x7671, sphere)))
+    data = video(cluster(0, block(0)), more=shown)
+    assert (parsed(tmp_path, data).undone, parsed(tmp_path, data).tracks) == (undone, 1)
 
 
 def test_faults_are_reported_up_to_a_limit(tmp_path: Path) -> None:

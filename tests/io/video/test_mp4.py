@@ -230,7 +230,7 @@ def test_runs_of_more_samples_than_the_file_has_bytes_for_are_not_believed(tmp_p
 
 def test_the_index_and_a_video_track_are_needed(tmp_path: Path) -> None:
     assert "box moov) is missing" in parsed(tmp_path, box(b"mdat", b"")).problems[-1][1]
-    assert "names no video track" in parsed(tmp_path, movie(samples(), handler=b"soun")).problems[-1][1]
+    assert "no video track" in parsed(tmp_path, movie(samples(), handler=b"soun")).problems[-1][1]
 
 
 @pytest.mark.parametrize(("data", "known"), [(b"\0\0\0\x08fre", False), (b"\0\0\0\x08free", True), (bytes(8), False)])

@@ -203,7 +203,30 @@ def rotated_anticlockwise(boxes: np.ndarray) -> np.ndarray:
     return np.column_stack([top, SIZE[0] - right, bottom, SIZE[0] - left])
 
 
+def thousandths(boxes: np.ndarray) -> np.ndarray:
+    return 1000.0 * boxes / np.tile(SIZE, 2)
+
+
+def thousandths_of_rows(boxes: np.ndarray) -> np.ndarray:
+    return rows_for_columns(thousandths(boxes))
+
+
+def of_heads(boxes: np.ndarray) -> np.ndarray:
+    size, middle = boxes[:, 2:] - boxes[:, :2], 0.5 * (boxes[:, 0] + boxes[:, 2])
+    left, right = (middle + sign * 0.25 * size[:, 0] for sign in (-1, 1))
+    return np.column_stack([left, boxes[:, 1], right, boxes[:, 1] + size[:, 1] / 7.0])
+
+
+def larger(boxes: np.ndarray) -> np.ndarray:
+    size = boxes[:, 2:] - boxes[:, :2]
+    return boxes + 0.15 * np.hstack([-size, size])
+
+
 FORMS = [
+    (thousandths, "thousandths of the image"),
+    (thousandths_of_rows, "thousandths of the image with y, x in place of x, y"),
+    (of_heads, "of heads (give boxes of whole bodies)"),
+    (larger, "30% too large about their centres"),
     (rows_for_columns, "y, x in place of x, y"),
     (share_rows_for_columns, "y, x in place of x, y (as shares)"),
     (height_for_width, "of exchanged widths and heights"),
@@ -228,8 +251,27 @@ def test_numbers_of_boxes_that_mean_something_else_are_named(
         return {c: misread(own) for c, own in boxes.items()}
 
     assert reported(found(cameras(), cameras(), one)) == {("b",): f"boxes of b are {words}"}
-    if misread in (corners_for_sizes, shares_of_squares):
+    if misread in (corners_for_sizes, shares_of_squares, thousandths, larger):
         assert reported(found(cameras(), cameras(), every)) == {NAMES: f"boxes of all cameras are {words}"}
+
+
+@pytest.mark.parametrize(("ratio", "rate"), [(2, "5"), (3, "3.333")])
+def test_a_camera_of_another_rate_that_counts_its_own_frames_is_named_with_its_rate(ratio: int, rate: str) -> None:
+    faults = found(cameras(), cameras())
+    boxes = [each.get(1) for _, each in faults._samples]
+    for step, (_, each) in enumerate(faults._samples):
+        each.pop(1, None)
+        if ratio * step < len(boxes) and boxes[ratio * step] is not None:
+            each[1] = boxes[ratio * step]
+    words = f"b has another frame rate (ingest --fps b={rate})"
+    assert reported(faults, doubtful=False) == {("b",): words}
+
+
+def test_boxes_of_one_camera_that_are_too_large_are_no_focal_length() -> None:
+    def one(_step: int, boxes: Boxes) -> Boxes:
+        return {c: larger(own) if c == 1 else own for c, own in boxes.items()}
+
+    assert errors(found(cameras(), cameras(), one)) == {("b",): "boxes of b are 30% too large about their centres"}
 
 
 def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:

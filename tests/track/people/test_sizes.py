@@ -53,6 +53,7 @@ def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
     ("how", "words"),
     [
         ("columns", "boxes have y, x in place of x, y"),
+        ("heads", "boxes are of heads (give boxes of whole bodies)"),
         ("pitch", "pitch_deg is in radians"),
         ("sense", "pitch is positive downwards"),
     ],
@@ -63,6 +64,8 @@ def test_readings_with_which_people_have_their_height_are_named(how: str, words:
     boxes = [np.concatenate(each) for each in own]
     if how == "columns":
         boxes = [each[:, [1, 0, 3, 2]] for each in boxes]
+    elif how == "heads":
+        boxes = [np.column_stack([each[:, :3], each[:, 1] + (each[:, 3] - each[:, 1]) / 7.0]) for each in boxes]
     else:
         turned = []
         for each in cameras:

@@ -142,10 +142,11 @@ class CsvRows:
         path = self.files[row] if self.files else self.path
         return InputError(f"{path}: {self.location} {int(self.lines[row])}: {message}")
 
-    def floats(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) finite numbers of a column.
+    def floats(self, name: str, *, blank: bool = False, infinite: bool = False) -> Floats:
+        """(n,) numbers of a column.
 
-        Empty cells and texts such as `nan` are NaN if `blank` is true, else an InputError.
+        Empty cells and texts such as `nan` are NaN if `blank` is true, else an InputError; infinite numbers are one
+        unless `infinite` is true.
         """
         cells = self._plain(name)
         if blank:
@@ -156,7 +157,7 @@ class CsvRows:
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
             raise self._no_number(name, row, "a number") from None
-        bad = np.isinf(values) if blank else ~np.isfinite(values)
+        bad = (np.isinf(values) & (not infinite)) | (np.isnan(values) & (not blank))
         if bad.any():
             raise self._no_number(name, int(np.flatnonzero(bad)[0]), "a finite number")
         return values

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -914,7 +915,11 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
     frame = rows.ints("frame") - options.first_number
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
-        raise rows.fail(row, f"frame {rows.cells['frame'][row]} is before the first one, {options.first_number}")
+        lowest = int(frame.min()) + options.first_number
+        remedy = f"give {option('first_number')} {lowest}" if lowest >= 0 else "number frames from 0"
+        raise rows.fail(
+            row, f"frame {rows.cells['frame'][row]} is before the first one, {options.first_number}; {remedy}"
+        )
     if (frame >= MAX_FRAMES).any():
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
@@ -936,8 +941,8 @@ def _edges(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Left, top, width and height of boxes, each (n,) [px].
 
-    In shares of the image, if the file has these and image sizes are not known yet. Empty cells are NaN if the options
-    are `lenient`, else an error.
+    In shares of the image, if the file has these and image sizes are not known yet. Empty cells are NaN, and infinite
+    ones remain, if the options are `lenient`; else they are an error.
 
     Args:
         rows: n rows of the file.
@@ -948,12 +953,12 @@ def _edges(
     Raises:
         UsageError: the file has shares of the image, and the size of a camera's images is missing.
     """
-    blank, sizes = options.lenient, options.sizes
+    sizes, values = options.sizes, partial(rows.floats, blank=options.lenient, infinite=options.lenient)
     if not rows.has(SHARE_X):
-        left, top = rows.floats("left", blank=blank), rows.floats("top", blank=blank)
-        with np.errstate(over="ignore"):  # the caller checks their sizes
-            width = _size(rows, "width", "right", left, blank)
-            height = _size(rows, "height", "bottom", top, blank)
+        left, top = values("left"), values("top")
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller checks their sizes
+            width = _size(rows, "width", "right", left, options.lenient)
+            height = _size(rows, "height", "bottom", top, options.lenient)
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():
@@ -965,12 +970,13 @@ def _edges(
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T
-    width, height = rows.floats(SHARE_WIDTH, blank=blank) * across, rows.floats(SHARE_HEIGHT, blank=blank) * down
-    left, top = rows.floats(SHARE_X, blank=blank) * across, rows.floats(SHARE_Y, blank=blank) * down
-    return left - width / 2, top - height / 2, width, height
+    width, height = values(SHARE_WIDTH) * across, values(SHARE_HEIGHT) * down
+    left, top = values(SHARE_X) * across, values(SHARE_Y) * down
+    with np.errstate(invalid="ignore"):
+        return left - width / 2, top - height / 2, width, height
 
 
-def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
+def _size(rows: CsvRows, size: str, far: str, near: Floats, lenient: bool) -> Floats:
     """(n,) widths or heights of boxes [px], from a column of sizes or of far edges.
 
     Args:
@@ -978,16 +984,18 @@ def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floa
         size: name of the column with the size.
         far: name of the column with the far edge.
         near: (n,) near edges [px].
-        blank: empty cells are NaN rather than an error.
+        lenient: empty and infinite cells are no error.
 
     Raises:
         InputError: the file has both columns, and they contradict each other.
     """
+    values = partial(rows.floats, blank=lenient, infinite=lenient)
     if not rows.has(size):
-        return rows.floats(far, blank=blank) - near
-    sizes = rows.floats(size, blank=blank)
+        return values(far) - near
+    sizes = values(size)
     if rows.has(far):
-        disagreement = disagree(sizes, near, rows.floats(far, blank=True))
+        ends = rows.floats(far, blank=True, infinite=lenient)
+        disagreement = disagree(sizes, near, ends) & np.isfinite(ends - near - sizes)
         if disagreement.any():
             row = int(np.flatnonzero(disagreement)[0])
             raise rows.fail(row, both_sizes(size, float(sizes[row]), far, str(rows.cells[far][row]), float(near[row])))

@@ -24,9 +24,10 @@ from .columns import CLASS_KEYS
 B = TypeVar("B", bound=Boxes)
 FRAMES_PER_CHUNK = 4096
 NO_SIZE, COPIES = "boxes without a size", "copies of another box of the frame"
+TOO_FAR = f"boxes that reach beyond {MAX_EDGE_PX:g} px"
 """Kinds of boxes that cannot be used."""
 MAX_UNUSABLE = 0.5
-"""Share of boxes without a size in a file, from which its columns are no edges of boxes."""
+"""Share of unusable boxes in a file, from which its columns are no edges of boxes."""
 
 
 class FileBoxRows(NamedTuple):
@@ -54,13 +55,13 @@ class FileBoxRows(NamedTuple):
 class UnusableBoxes:
     """Counts of unusable boxes in a file, by camera and kind of fault.
 
-    Detectors write some: without a width, with NaN, twice. If they are more than `MAX_UNUSABLE` of a file, its columns
-    mean something else, and the first of them is an error.
+    Detectors write some: without a width, with NaN or infinite values, twice. If they are more than `MAX_UNUSABLE` of a
+    file, its columns mean something else, and the first of them is an error.
 
     Attributes:
         counts: number of boxes by (camera, kind of fault).
         first: position of the first box, by (camera, kind of fault).
-        error: error for the first box without a size; None: there is none.
+        error: error for the first box without a size or too far away; None: there is none.
         rows: number of all boxes.
         frames: lowest and highest frames of such boxes, by camera.
     """
@@ -77,7 +78,7 @@ class UnusableBoxes:
         self.first.setdefault((camera, kind), place)
 
     def check(self) -> None:
-        """Raise the error for the first box without a size if more than `MAX_UNUSABLE` of all boxes are unusable."""
+        """Raise the error for the first unusable box if more than `MAX_UNUSABLE` of all boxes are unusable."""
         if self.error is not None and self.counts.total() > MAX_UNUSABLE * self.rows:
             raise self.error
 
@@ -92,7 +93,7 @@ class UnusableBoxes:
 def usable(
     rows: CsvRows, boxes: FileBoxRows, cameras: Sequence[str], unusable: UnusableBoxes | None
 ) -> tuple[CsvRows, FileBoxRows]:
-    """The boxes with a valid size, as text and as numbers; others are counted in `unusable`.
+    """The boxes with a valid size and position, as text and as numbers; others are counted in `unusable`.
 
     Args:
         rows: n rows of a file, as text.
@@ -103,21 +104,30 @@ def usable(
     Raises:
         InputError: a box has an impossible size, identity or confidence; with its line.
     """
-    bad = ~((boxes.width > 0) & (boxes.height > 0) & np.isfinite(boxes.left) & np.isfinite(boxes.top))
-    if bad.any():
-        row = int(np.flatnonzero(bad)[0])
+    far = np.max(np.abs([boxes.left, boxes.top, boxes.width, boxes.height]), axis=0)
+    sizeless = ~((boxes.width > 0) & (boxes.height > 0) & np.isfinite(boxes.left) & np.isfinite(boxes.top))
+    sizeless &= ~(far > MAX_EDGE_PX)
+    for kind, wrong in ((NO_SIZE, sizeless), (TOO_FAR, far > MAX_EDGE_PX)):
+        if not wrong.any():
+            continue
+        row = int(np.flatnonzero(wrong)[0])
         error = rows.fail(
-            row, f"box of {boxes.width[row]:g} x {boxes.height[row]:g} px; both must be above 0; correct or remove it"
+            row,
+            f"box of {boxes.width[row]:g} x {boxes.height[row]:g} px; both must be above 0; correct or remove it"
+            if kind == NO_SIZE
+            else f"box that reaches to {far[row]:g} px; no image is larger than {MAX_EDGE_PX:g} px; correct or remove "
+            "it",
         )
         if unusable is None:
             raise error
         unusable.error = unusable.error or error
-        for camera in np.unique(boxes.camera[bad]).tolist():
-            own = np.flatnonzero(bad & (boxes.camera == camera))
+        for camera in np.unique(boxes.camera[wrong]).tolist():
+            own = np.flatnonzero(wrong & (boxes.camera == camera))
             place = f"{rows.location} {int(rows.lines[own[0]])}"
-            unusable.add(cameras[camera], NO_SIZE, len(own), place)
+            unusable.add(cameras[camera], kind, len(own), place)
             ends = [int(boxes.frame[own].min()), int(boxes.frame[own].max())]
             unusable.frames.setdefault(cameras[camera], []).extend(ends)
+    bad = sizeless | (far > MAX_EDGE_PX)
     if unusable is not None:
         unusable.rows += len(boxes.frame)
     good = np.flatnonzero(~bad)
@@ -126,14 +136,7 @@ def usable(
 
 
 def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
-    """Return `boxes`; InputError, with the line in `rows`, for an impossible edge, identity or confidence (0 to 1)."""
-    far = np.max(np.abs([boxes.left, boxes.top, boxes.width, boxes.height]), axis=0)
-    if (far > MAX_EDGE_PX).any():
-        row = int(np.flatnonzero(far > MAX_EDGE_PX)[0])
-        raise rows.fail(
-            row,
-            f"box that reaches to {far[row]:g} px; no image is larger than {MAX_EDGE_PX:g} px; correct or remove it",
-        )
+    """Return `boxes`; InputError, with the line in `rows`, for an impossible identity or confidence (0 to 1)."""
     bad = (np.abs(boxes.target_id) >= 2**31) | (boxes.target_id < -1)
     if bad.any():
         row = int(np.flatnonzero(bad)[0])

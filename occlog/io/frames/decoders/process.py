@@ -91,7 +91,8 @@ class Decoder:
         frames: number of frames announced, None if unknown.
         rate_hz: frame rate as stated, None if not.
         bars: width of black bars at the left, top, right and lower edge [px].
-        facts: what the file states of its pictures, as ids of findings with their values.
+        facts: what the file states of its pictures, as ids of findings with their values; and at the end what is found
+            of all pictures together.
         start_s: time stamp of the first frame in the file [s], which counts as 0; None: not known.
         losses: the losses; complete when all frames have been read.
         death: how the process ended before its time; empty: it did not.
@@ -209,6 +210,7 @@ class Decoder:
             header, payload = message
             if "end" in header:
                 self.losses.extend(Loss(**loss) for loss in header["end"])
+                self.facts += [(id, values) for id, values in header["facts"]]
                 return
             last = int(header["i"])
             pos = header["p"]

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from occlog.records.frames import Image
 
+    from ..codec import Facts
     from .process import DecoderMessage, DecodingJob
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
@@ -91,8 +92,8 @@ def main(memory: int | None = None) -> None:
         os.chdir(job["cwd"])
     losses: list[Loss] = []
     try:
-        _run(job, out, log, losses, memory)
-        send(out, {"end": [asdict(loss) for loss in losses]})
+        facts = _run(job, out, log, losses, memory)
+        send(out, {"end": [asdict(loss) for loss in losses], "facts": facts})
     except InputError as error:
         send(out, {"error": str(error)})
     except MemoryError:
@@ -104,21 +105,22 @@ def main(memory: int | None = None) -> None:
     os._exit(0)  # nothing is left to do, and decoders may hang in their clean-up
 
 
-def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
+def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> Facts:
+    """Run a job; return what is found of all images together, as ids of findings with their values."""
     lower_limits()
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     if job["kind"] == "video":
-        _video(job, out, log, losses, memory)
-    elif job["kind"] == "messages":
+        return _video(job, out, log, losses, memory)
+    if job["kind"] == "messages":
         _messages(job, out, log, memory)
-    else:
-        _images(job, out, log, losses)
+        return []
+    return _images(job, out, log, losses)
 
 
-def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> None:
-    from ..codec import size_changes
+def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory: int | None) -> Facts:
+    from ..codec import Contents, size_changes
     from ..decode import CAPTURE_OPTIONS, decode, examine
 
     keys = frozenset(job["keys"]) if "keys" in job else None
@@ -139,7 +141,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
     if job.get("waits"):
         line = sys.stdin.buffer.readline()
         if not line:
-            return
+            return []
         start, size = map(int, line.split())
         sizes = None  # frames of another size were reported, and skipped, when it was ingested
         slots = _slots(memory, size)
@@ -148,8 +150,11 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
         news()  # messages about packets will be written again
     width, height = video.size
     target = None if slots is None else partial(slots.target, (height, width, 3))
+    contents = Contents()
     for picture in decode(video, start, job["stop"], losses.append, sizes, target, keys):
+        contents.add(picture.image)
         _deliver(job, out, picture.index, picture.pos_ns, picture.image, slots)
+    return contents.facts()
 
 
 def _slots(memory: int | None, size: int) -> Slots | None:
@@ -219,8 +224,8 @@ def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slot
         send(out, {**header, "s": image.shape, "m": slot})
 
 
-def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
-    from ..codec import dark_bars, image_facts, image_kind
+def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Facts:
+    from ..codec import Contents, dark_bars, image_facts, image_kind
     from ..streams import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
@@ -236,10 +241,11 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
     send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first), "facts": facts})
     del first, data  # it will be decoded again, and may be as large as is allowed
     log.news()
-    delivered = 0
+    delivered, contents = 0, Contents()
     for picture, data in load(files, size, losses.append, news):
         kind = image_kind(data)
         delivered += 1
+        contents.add(picture.image)
         if kind is not None and job["store"] in (kind, "keep"):
             send(out, {"i": picture.index, "p": None, "k": kind}, data)
         else:
@@ -250,6 +256,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
             f"{job['path']}: none of its images can be used; first: {losses[0] if losses else 'none'}",
             id="damaged-file",
         )
+    return contents.facts()
 
 
 def bytes_of(image: Image) -> memoryview:

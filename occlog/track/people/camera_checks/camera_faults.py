@@ -38,6 +38,7 @@ from .pair_errors import (
     without_radial_error,
 )
 from .pair_overlap import (
+    BODY_HEADS,
     BoxesOfCamera,
     Overlap,
     PairOverlaps,
@@ -71,6 +72,11 @@ FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upsi
 INVERTED = "inverted (camera-to-world for world-to-camera)"
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
+SIZED = "about their centres"
+SIZES = (1.0 / 1.3, 1.3, 1.0 / 1.15, 1.15, 1.0 / 1.5, 1.5)
+"""Factors between right and given sizes of boxes about their centres."""
+RATES = (2.0, 0.5, 1.2, 1.0 / 1.2, 1.5, 1.0 / 1.5, 2.5, 0.4, 3.0, 1.0 / 3.0, 4.0, 0.25, 5.0, 0.2)
+"""Factors between right and given intervals of the frames of a camera."""
 TURNS_DEG = (180.0, 90.0, -90.0)
 """Mistakes with the yaw of a camera."""
 LATE_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
@@ -142,12 +148,18 @@ class CameraFaults:
         self._samples: list[tuple[int, dict[int, Floats]]] = []
         self._step = self._count = 0
         self._last: tuple[int, _Search] | None = None
+        self._intervals: list[list[int]] = [[] for _ in cameras]  # of the first frames of each [ns]
+        self._times = [-1] * len(self._cameras)
 
     def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
         """Add the boxes of one time step at `t_ns`.
 
         An evenly spaced subset of at most `MAX_STEPS` time steps is kept.
         """
+        for c in (each.detections.camera for each in frames):
+            if self._times[c] >= 0 and len(self._intervals[c]) < MAX_STEPS:
+                self._intervals[c].append(t_ns - self._times[c])
+            self._times[c] = t_ns
         self._count += 1
         if self._count % (1 << self._step):
             return
@@ -182,6 +194,9 @@ class CameraFaults:
         if rotated and not errors:
             errors = self._search.errors_of(range(len(self._cameras)), MIN_LOG_RATIO_ROTATED)[:1]
         for each in errors:
+            if words := self._search.sized(each):
+                out.append((each.cameras, words))
+                break
             # The filter states and corrects rotations that last; what remains with them may be their consequence
             lasting = each.kind == YAW and not (each.since or each.until)
             if lasting and (each.rival is None or each.rival.kind == YAW):
@@ -209,7 +224,9 @@ class CameraFaults:
     def _search(self) -> _Search:
         """Search over the time steps kept so far; made once for a number of added time steps."""
         if self._last is None or self._last[0] != self._count:
-            self._last = self._count, _Search(self._cameras, self._samples, self._height)
+            search = _Search(self._cameras, self._samples, self._height)
+            search.intervals = [float(np.median(each or [0])) for each in self._intervals]
+            self._last = self._count, search
         return self._last[1]
 
 
@@ -226,6 +243,7 @@ class _Search:
         count = sum(len(each) for _, boxes in samples for each in boxes.values())
         self.t_ns: Ints = np.array([t for t, _ in samples], dtype=np.int64)
         self.height = person_height
+        self.intervals = [0.0] * len(cameras)  # between frames [ns]
         self.views = [_of_camera(c, camera, samples) for c, camera in enumerate(cameras)]
         # Time steps that are compared, while boxes keep all of them: delays are searched for in small steps
         self.every = max(1, round(count / MAX_BOXES))
@@ -309,6 +327,22 @@ class _Search:
                     each = each._replace(values=before[None], since=0, until=each.since)
             out.append(named(each))
         return out
+
+    def sized(self, error: CameraError) -> str:
+        """Words for boxes of the camera of an error that are too large or small, if that explains more; else empty."""
+        if error.since or error.until or error.kind not in (YAW, FOCAL, HEIGHT):
+            return ""
+        c, own = error.cameras[0], self.views[error.cameras[0]]
+        corrected = [
+            _Change("", {each.cameras[0]: self._corrected(each.cameras[0], each.kind, each.values[0])})
+            for each in error.either
+        ]
+        forms = ((words, boxes) for words, boxes in _other_forms(own) if SIZED in words)
+        sized = [
+            _Change(f"boxes of {own.camera.name} are {words}", {c: own._replace(boxes=boxes)}) for words, boxes in forms
+        ]
+        best = self._best(chain(corrected, sized))
+        return best.words if best is not None else ""
 
     def _matters(self, error: CameraError) -> bool:
         """Return whether a camera error is as large as the threshold of its kind from which it is reported."""
@@ -459,7 +493,7 @@ class _Search:
     def _during(self, low: int, high: int) -> _Search:
         """Return the same search restricted to the time steps with the indices low to high."""
         other = _Search.__new__(_Search)
-        other.t_ns, other.height, other.every = self.t_ns, self.height, 1
+        other.t_ns, other.height, other.every, other.intervals = self.t_ns, self.height, 1, self.intervals
         other.views = [view.during(low, high) for view in self.views]
         return other
 
@@ -535,9 +569,22 @@ class _Search:
                 yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
             for words, boxes in _other_forms(own):
                 yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
+            yield from self._other_rates(c)
             yield from self._late(c)
         if rotations:
             yield from self._turned(c, trusted)
+
+    def _other_rates(self, c: int) -> Iterator[_Change]:
+        """Generate corrections of the frame rate of camera `c`, for frames that it counts by itself."""
+        own, times, interval = self.views[c], self.t_ns - self.t_ns[0], self.intervals[c]
+        tolerance = 0.5 * float(np.median(np.diff(times)))
+        for ratio in RATES if interval > 0.0 else ():
+            when = times[own.steps] * ratio
+            nearest = np.clip(np.searchsorted(times, when - tolerance), 0, len(times) - 1)
+            there = np.abs(times[nearest] - when) <= tolerance
+            moved = BoxesOfCamera(own.camera, own.boxes[there], nearest[there])
+            rate = f"{own.camera.name}={NS / (interval * ratio):.4g}"
+            yield _Change(f"{own.camera.name} has another frame rate (ingest --fps {rate})", {c: moved})
 
     def _late(self, c: int) -> Iterator[_Change]:
         """Generate corrections of the clock of camera `c`: its boxes at earlier or later time steps.
@@ -676,6 +723,14 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
     yield "centres and sizes, read as left, top, width, height", boxes - np.tile(0.5 * size, 2)
     yield "left, top, right, bottom (xyxy), read as centres and sizes", np.hstack([middle, size])
     yield "left, top, width, height, read as centres and sizes", boxes + np.tile(0.5 * size, 2)
+    yield (
+        "of heads (give boxes of whole bodies)",
+        np.column_stack(
+            [middle[:, 0] - size[:, 0], near[:, 1], middle[:, 0] + size[:, 0], near[:, 1] + BODY_HEADS * size[:, 1]]
+        ),
+    )
+    for factor in SIZES:
+        yield _sized_words(factor), np.hstack([middle - 0.5 * factor * size, middle + 0.5 * factor * size])
     exchanged, ratio = boxes[:, [1, 0, 3, 2]], view.size / view.size[::-1]
     yield "y, x in place of x, y", exchanged
     if ratio[0] != 1.0:
@@ -689,11 +744,19 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
     height, width = view.size[::-1]
     yield "of images rotated by 90 degrees clockwise", np.column_stack([top, height - right, bottom, height - left])
     yield "of images rotated by 90 degrees anticlockwise", np.column_stack([width - bottom, left, width - top, right])
+    thousandths = np.tile(view.size / 1000.0, 2)
+    yield "thousandths of the image", boxes * thousandths
+    yield "percents of the image", boxes * 10.0 * thousandths
+    yield "thousandths of the image with y, x in place of x, y", exchanged * thousandths
     side = view.size.max()
     yield (
         "shares of square images with bars (letterbox)",
         boxes * np.tile(side / view.size, 2) - np.tile(0.5 * (side - view.size), 2),
     )
+
+
+def _sized_words(factor: float) -> str:
+    return f"{abs(1.0 / factor - 1.0):.0%} too {'large' if factor < 1.0 else 'small'} {SIZED}"
 
 
 def _multiplied(scale: float) -> str:

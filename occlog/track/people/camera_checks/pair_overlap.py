@@ -30,6 +30,8 @@ MIN_HEIGHT, MAX_HEIGHT = 0.6, 1.3
 """Heights of bodies, relative to the expected one."""
 FEET_HEIGHTS = 0.07
 """Distance of the axis of a body from the point at the lower edge of its box, in heights."""
+BODY_HEADS = 7.0
+"""Height of people in heights of the boxes that detectors of heads give, which have some hair and chin around."""
 MAX_DISTANCE_HEIGHTS = 30.0
 """Distance of a person from a camera, in heights, beyond which a box does not locate the person."""
 
