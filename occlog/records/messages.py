@@ -902,7 +902,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphones-identical": Message(
         W,
-        "array {sensors}: microphones {microphones} have identical samples",
+        "array {sensors}: microphones {microphones} have the same signal, so that directions are wrong",
         "check how the channels were recorded and their order",
     ),
     "microphone-late": Message(
