@@ -110,9 +110,13 @@ class UnconfirmedBearings:
 
 MIN_STEPS, MAX_STEPS = 10, 500
 """Minimum and maximum number of time steps of the check."""
-MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
+MAX_MISFIT_RATIO, MIN_MISFIT_RAD2, MAX_MISFIT_RAD2 = 0.1, 0.01, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
-better."""
+better. Lines with at most `MAX_MISFIT_RAD2` meet."""
+MIN_SWEEP_RAD = math.radians(30.0)
+"""Angle that the bearings of an array cover, at least, to tell gon from an array that is turned."""
+NARROW_RAD, MIN_SPREAD_RAD = math.radians(2.0 * math.pi) + 1e-9, math.radians(0.08)
+"""Radians or turns that were read as degrees are within this of 0; those of a target that moves differ by this."""
 CONVENTION = "angle convention"
 """Name of the check."""
 MAX_LINE_MISFIT_RAD2 = 1.0
@@ -137,6 +141,11 @@ class _Angles(NamedTuple):
     names: list[str]
 
 
+def _of_gon(angle: Floats) -> Floats:
+    """Return angles [rad] that were in gon from 0 to 400, but read as degrees."""
+    return 0.9 * np.mod(angle, 2.0 * np.pi)
+
+
 Reading = Callable[[_Angles], _Angles]
 _OF_ALL: dict[str, Reading] = {
     "they are clockwise from +x: negate them": lambda a: a._replace(bearing=-a.bearing),
@@ -147,11 +156,25 @@ _OF_ALL: dict[str, Reading] = {
     "they are in radians in the arrays: name their column azimuth_rad": lambda a: a._replace(
         bearing=a.yaw + np.degrees(wrap_angle(a.bearing - a.yaw))
     ),
+    "they are in turns: multiply them by 360": lambda a: a._replace(bearing=360.0 * a.bearing),
+    "they are in turns in the arrays: multiply them by 360": lambda a: a._replace(
+        bearing=a.yaw + 360.0 * wrap_angle(a.bearing - a.yaw)
+    ),
+    "they are in gon: multiply them by 0.9": lambda a: a._replace(bearing=_of_gon(a.bearing)),
+    "they are in gon in the arrays: multiply them by 0.9": lambda a: a._replace(
+        bearing=a.yaw + _of_gon(a.bearing - a.yaw)
+    ),
     "the scene has yaw in radians as yaw_deg": lambda a: a._replace(bearing=a.bearing - a.yaw + np.degrees(a.yaw)),
 }
 """Other readings of the bearings of all arrays, in words with the remedy."""
+_OF_NARROW = [
+    [words for words in _OF_ALL if words.startswith(f"they are in {unit}")] for unit in ("turns", "radians")
+]
+"""Those that are tried where all bearings are near 0, so that lines are parallel and meet nowhere."""
 _OF_ONE: dict[str, Callable[[_Angles], Floats]] = {
     "those of {name} are in radians: convert them": lambda a: np.degrees(a.bearing),
+    "those of {name} are in turns: multiply them by 360": lambda a: 360.0 * a.bearing,
+    "those of {name} are in gon: multiply them by 0.9": lambda a: _of_gon(a.bearing),
     "those of {name} are clockwise: negate them": lambda a: 2.0 * a.yaw - a.bearing,
     "those of {name} are turned by 180 degrees": lambda a: a.bearing + np.pi,
 }
@@ -193,9 +216,16 @@ class AngleConventionCheck:
             return outcome(
                 CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
             )
+        plain = self._misfit(lambda angles: angles)
+        if self._narrow():
+            # Two lines in front of their stations meet in any unit; turns in radians give lines that are parallel
+            several = np.median([len(each.names) for each in self._steps]) > 2
+            for unit in _OF_NARROW if several or plain > MAX_MISFIT_RAD2 else ():
+                best, change = min((self._misfit(_OF_ALL[words]), words) for words in unit)
+                if best <= MAX_MISFIT_RAD2:
+                    return self._fits(plain, best, change)
         if 2 * self._near > len(self._steps):
             return outcome(CONVENTION, (), unless="sources are at a station")
-        plain = self._misfit(lambda angles: angles)
         if plain <= MIN_MISFIT_RAD2:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
         compass = self._misfit(lambda angles: angles._replace(bearing=0.5 * np.pi - angles.bearing))
@@ -203,21 +233,57 @@ class AngleConventionCheck:
         best = min(compass, other)
         if best > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
+        return self._fits(plain, best, change, "compass" if best == compass else "bearings-fit-if")
+
+    def _fits(self, plain: float, best: float, change: str, id: str = "bearings-fit-if") -> tuple[Check, ...]:
+        """Return the finding that bearings fit with misfit `best` after a change, and with `plain` as given [rad^2]."""
         now, then = np.degrees(np.sqrt([plain, best])).tolist()
-        id = "compass" if best == compass else "bearings-fit-if"
-        steps = len(self._steps)
-        return (finding(CONVENTION, id, change=change, misfit_deg=then, given_deg=now, steps=steps),)
+        return (finding(CONVENTION, id, change=change, misfit_deg=then, given_deg=now, steps=len(self._steps)),)
+
+    def _narrow(self) -> bool:
+        """Return whether all bearings are within `NARROW_RAD` of 0 in the world, or of the arrays' own x axes."""
+        bearing = np.concatenate([each.bearing for each in self._steps])
+        relative = bearing - np.concatenate([each.yaw for each in self._steps])
+        names = np.concatenate([each.names for each in self._steps])
+        for near in map(wrap_angle, (bearing, relative)):
+            spread = max(float(np.ptp(near[names == name])) for name in np.unique(names))
+            if np.abs(near).max() <= NARROW_RAD and spread >= MIN_SPREAD_RAD:
+                return True
+        return False
 
     def _readings(self) -> Iterator[tuple[str, Reading]]:
         """Generate the other readings of the bearings, in words: of all arrays, of two exchanged ones, and of one."""
-        yield from _OF_ALL.items()
         names = list(self._arrays)
+        sweeps = {name: len(names) > 2 and self._sweep(name) >= MIN_SWEEP_RAD for name in names}
+        yield from ((words, reading) for words, reading in _OF_ALL.items() if "gon" not in words or any(sweeps.values()))
         for pair in combinations(names, 2) if len(names) <= MAX_EXCHANGED else ():
             for turned in (False, True):
                 yield f"arrays {pair[0]} and {pair[1]} are exchanged", partial(self._exchanged, pair, turned)
         for name in names if len(names) > 2 else ():
             for words, reading in _OF_ONE.items():
-                yield words.format(name=name), partial(_of_one, name, reading)
+                # An array that is turned by a constant angle is not one in gon
+                gon = partial(_of_one, name, reading) if "gon" in words else None
+                if gon is None or sweeps[name] and self._misfit(gon) < self._turned(name):
+                    yield words.format(name=name), partial(_of_one, name, reading)
+
+    def _sweep(self, name: str) -> float:
+        """Return the angle [rad] that 90 % of the bearings of one array cover; 0 without bearings."""
+        own = [float(each.bearing[each.names.index(name)]) for each in self._steps if name in each.names]
+        if not own:
+            return 0.0
+        mean = np.angle(np.exp(1j * np.array(own)).sum())
+        return float(np.diff(np.quantile(wrap_angle(np.array(own) - mean), [0.05, 0.95]))[0])
+
+    def _turned(self, name: str) -> float:
+        """Return the median misfit [rad^2] with the bearings of one array turned by their median residual."""
+        off = []
+        for each in self._steps:
+            own = np.array(each.names) == name
+            if own.any() and len(own) > 2:
+                away = _intersection(each.positions[~own], each.bearing[~own]) - each.positions[own][0]
+                off.append(float(each.bearing[own][0]) - math.atan2(away[1], away[0]))
+        turn = float(np.median(wrap_angle(np.array(off)))) if off else 0.0
+        return self._misfit(partial(_of_one, name, lambda angles: angles.bearing - turn))
 
     def _exchanged(self, pair: tuple[str, str], turned: bool, angles: _Angles) -> _Angles:
         """Return the bearings with those of two arrays exchanged: each has the position of the other one.

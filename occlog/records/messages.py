@@ -305,10 +305,12 @@ VERDICT: dict[str, Message] = {
     "time-unit-differs": Message(
         W,
         "times of tracks and truth differ in unit: " + _MEET,
-        "state it in the column name (t_ms, t_us, t_ns)",
+        "{remedy}",
     ),
     "times-in-days": Message(
-        W, "times of the truth are in days: " + _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"
+        W,
+        "times of the {which} are in days: {now:.0%} match within {gate:g} {unit}, {met:.0%} with {change}",
+        "write seconds, or dates as 2024-05-01T12:00:00.25Z",
     ),
     "times-shifted": Message(
         W, "times of tracks and truth differ by a shift: " + _MEET, "check first frame numbers, start times and clocks"
@@ -319,7 +321,7 @@ VERDICT: dict[str, Message] = {
     "length-unit-differs": Message(
         W,
         "lengths of tracks and truth differ in unit: " + _MEET,
-        "state it in the column names (x_mm, x_cm)",
+        "{remedy}",
     ),
     "axes-differ": Message(
         W,
@@ -927,7 +929,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphones-identical": Message(
         W,
-        "array {sensors}: microphones {microphones} have identical samples",
+        "array {sensors}: microphones {microphones} have the same signal, so that directions are wrong",
         "check how the channels were recorded and their order",
     ),
     "microphone-late": Message(

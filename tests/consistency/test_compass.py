@@ -77,6 +77,12 @@ def misread(true: np.ndarray, how: str) -> tuple[np.ndarray, Scene]:
         return in_array + stated, turned_scene(stated, order)
     if how == "exchanged":
         return true, turned_scene(YAWS, [1, 0, 2])
+    if how in ("are in turns", "are in gon"):
+        return np.mod(true, 2.0 * np.pi) / (360.0 if how == "are in turns" else 0.9), right
+    if how in ("are in radians", "are in radians in the arrays"):
+        return np.radians(in_array) + YAWS if how.endswith("arrays") else np.radians(true), right
+    if how == "b are in gon":
+        return np.column_stack([true[:, 0], np.mod(true[:, 1], 2.0 * np.pi) / 0.9, true[:, 2]]), right
     if how == "b are in radians":
         return np.column_stack([true[:, 0], np.radians(true[:, 1]), true[:, 2]]), right
     assert how == "c are turned by 180"
@@ -92,6 +98,11 @@ def misread(true: np.ndarray, how: str) -> tuple[np.ndarray, Scene]:
         "in the arrays",
         "yaw in radians",
         "exchanged",
+        "are in turns",
+        "are in gon",
+        "are in radians",
+        "are in radians in the arrays",
+        "b are in gon",
         "b are in radians",
         "c are turned by 180",
     ],
@@ -132,3 +143,14 @@ def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_p
     captured = capsys.readouterr()
     assert ("clockwise from north (compass)" in captured.err) is reported
     assert ('"plausible": true' in captured.out) is not reported
+
+
+def test_an_array_that_is_turned_is_not_one_in_gon_and_far_targets_are_not_in_radians() -> None:
+    rows = table(40, compass=False, sigma=0.01)
+    bearing = rows.bearing.reshape(-1, 3) + np.radians([0.0, 15.0, 0.0])
+    wrapped = (bearing.ravel() + np.pi) % (2.0 * np.pi) - np.pi
+    assert codes(replace(rows, bearing=wrapped)) == []
+    rng = np.random.default_rng(5)
+    away = np.array([3000.0, 40.0]) + rng.uniform(-100, 100, (40, 1, 2)) - PLACES
+    far = np.arctan2(away[..., 1], away[..., 0])
+    assert codes(replace(rows, bearing=far.ravel())) == []

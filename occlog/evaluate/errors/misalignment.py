@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +19,13 @@ from scipy.special import stdtrit
 
 from occlog.array_types import NS, Floats, Ints, Ints32
 from occlog.consistency.clock_offsets import cause_of
+from occlog.errors import option
 from occlog.evaluate.matching.paths import ObjectPath
+from occlog.io.files.input_units import TIMES
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors, Tracks, Truth
 from occlog.records.verdicts import Check, finding, outcome
+from occlog.settings import METRES
 
 DELAY, ALIGNMENT = "delay against the truth", "times, unit and axes of the truth"
 """Names of checks."""
@@ -181,7 +185,9 @@ NARROW = 0.25
 """Share of the gate that is tried, too: in crowds somebody is within the gate anywhere."""
 MIN_OVERLAP = 0.2
 """Time that both tables must share, over the shorter one."""
-TIME_UNITS = (1e-3, 1e3, 1e-6, 1e6, 1e-9, 1e9, 60.0, 1.0 / 60.0)
+TIMES_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "minutes": 60.0, "hours": 3600.0, "days": 86_400.0}
+"""Units of times, but seconds [s]."""
+TIME_UNITS = tuple(factor for unit in TIMES_S.values() for factor in (unit, 1.0 / unit))
 LENGTH_UNITS = (1e-3, 1e3, 1e-2, 1e2, 0.1, 10.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254)
 MAX_STEPS = 600
 """Shifts to each side that are tried."""
@@ -218,12 +224,32 @@ class PositionSamples(NamedTuple):
 class Alternative(NamedTuple):
     """A transform of the tracks that may make them agree with the truth.
 
-    `id`: id of the finding; `change`: description; `met`: F1 score, 0 to 1, of agreeing positions after it.
+    Attributes:
+        id: id of the finding.
+        change: description.
+        met: F1 score, 0 to 1, of agreeing positions after it.
+        units: units that the factor of times or lengths stands for, with their sizes; empty: there is no factor.
+        factor: of the tracks' times or lengths.
+        which: file with times in days.
     """
 
     id: str
     change: str
     met: float
+    units: Mapping[str, float] = MappingProxyType({})
+    factor: float = 1.0
+    which: str = ""
+
+    @property
+    def remedy(self) -> str:
+        """What to do about another unit: of which file it is, and how to state or convert it."""
+        for unit, size in self.units.items():
+            for name, scale in (("tracks", self.factor), ("a truth", 1.0 / self.factor)):
+                if abs(scale / size - 1.0) < 1e-6 and unit in (*METRES, *TIMES):
+                    return f"for {name} in {unit}: {option('input_units')} FILE:{unit}"
+                if abs(scale / size - 1.0) < 1e-6:
+                    return f"for {name} in {unit}: multiply the times by {size:g}"
+        return "convert the file that is not in the unit of the scene"
 
 
 def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[PositionSamples, Floats]:
@@ -287,13 +313,19 @@ def _changes(tracks: PositionSamples, truth: PositionSamples, gate: float) -> It
         met = _met(turned, PositionSamples(truth.t, truth.xy / theirs), gate)
         words = [f"lengths times {scale:.6g}"] if scale != 1.0 else []
         id = "length-unit-differs" if scale != 1.0 else "axes-differ"
-        yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met)
+        yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met, METRES, scale)
     yield from _rotations(tracks, truth, gate)
 
 
 def _changes_of_time(tracks: PositionSamples, truth: PositionSamples, gate: float) -> Iterator[Alternative]:
     ours, theirs = tracks.step, truth.step
     first, begin = tracks.t[0], truth.t[0]
+    for program, epoch in DAYS.items():
+        words = f"times as days of {program}"
+        for which, days, other in (("tracks", tracks, truth), ("truth", truth, tracks)):
+            if abs(days.t[0] - other.t[0] / DAY_S - epoch) < MAX_DAYS:
+                seconds = PositionSamples(DAY_S * (days.t - epoch), days.xy)
+                yield Alternative("times-in-days", words, _met(seconds, other, gate), which=which)
     for factor in (1.0, *TIME_UNITS):
         if factor != 1.0 and not (ours and theirs and 1.0 / 3.0 < factor * ours / theirs < 3.0):
             continue
@@ -301,17 +333,14 @@ def _changes_of_time(tracks: PositionSamples, truth: PositionSamples, gate: floa
         if factor != 1.0:
             # Times count from 0, or from the first one
             for start in (0.0, first):
-                yield Alternative(id, words, _met(_timed(tracks, factor, start, start), truth, gate))
+                met = _met(_timed(tracks, factor, start, start), truth, gate)
+                yield Alternative(id, words, met, TIMES_S, factor)
         shift, met = _best_shift(_timed(tracks, factor, first, begin), truth, gate)
         if factor == 1.0:
             shift += begin - first
             size = f"{shift:+.3f}".rstrip("0").rstrip(".")
             id, words = "times-shifted", f"times shifted by {size} s{cause_of(shift)}"
-        yield Alternative(id, words, met)
-    for program, epoch in DAYS.items():
-        if abs(tracks.t[0] - truth.t[0] / DAY_S - epoch) < MAX_DAYS:
-            days = PositionSamples(DAY_S * (tracks.t - epoch), tracks.xy)
-            yield Alternative("times-in-days", f"times as days of {program}", _met(days, truth, gate))
+        yield Alternative(id, words, met, TIMES_S, factor)
     spans = [each.t[-1] - each.t[0] for each in (tracks, truth)]
     ratio = spans[1] / spans[0] if min(spans) > 0.0 else 1.0
     if 1.0 / MAX_RATE < ratio < MAX_RATE and abs(ratio - 1.0) > MIN_RATE:
@@ -505,7 +534,8 @@ class TruthAlignment:
     def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:
         mota = metrics.get("mota", math.nan)
         far = mota < MIN_MOTA if math.isfinite(mota) else metrics.get(f"error_median_{self._unit}", 0.0) > self._gate
-        if far:
+        inside, outside = metrics.get("estimates", math.inf), metrics.get("estimates_without_truth", 0.0)
+        if far or inside < MIN_OVERLAP * (inside + outside):
             yield from self.found()
 
     def found(self) -> Iterator[Check]:
@@ -526,5 +556,7 @@ class TruthAlignment:
                 continue
             best, now, gate = found
             change = ", ".join(part for part in (words, best.change) if part)
-            yield finding(ALIGNMENT, best.id, met=best.met, now=now, change=change, gate=gate, unit=self._unit)
+            figures = {"met": best.met, "now": now, "gate": gate}
+            words = {"change": change, "unit": self._unit, "remedy": best.remedy, "which": best.which}
+            yield finding(ALIGNMENT, best.id, **figures, **words)
             return

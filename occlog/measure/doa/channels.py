@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import combinations
@@ -357,6 +356,10 @@ def _connected(fits: Bools) -> list[list[int]]:
     return groups
 
 
+MIN_COPY = 1.0 - 0.5e-5
+"""Correlation of two channels, without delay, above which one is a copy: they differ by less than -50 dB."""
+
+
 class Channels:
     """Checks of the M microphones of one array, from statistics accumulated over a stream of samples."""
 
@@ -370,7 +373,7 @@ class Channels:
         self.count = 0
         self._microphones, self._rate, self._lags = microphones, rate, ChannelLags()
         self._squares = self._full = np.zeros(0)
-        self._sums: list[int] = []  # check sums of the samples
+        self._totals, self._products = np.zeros(0), np.zeros((0, 0))
         self._piece = max(round(LEVEL_S * (rate or RATE)), 1)
         self._levels: list[Floats] = []  # (M,) mean squares of each piece
 
@@ -379,7 +382,7 @@ class Channels:
         for block in blocks:
             if not self.count:
                 self._squares, self._full = np.zeros((2, block.shape[1]))
-                self._sums = [0] * block.shape[1]
+                self._totals, self._products = np.zeros(block.shape[1]), np.zeros((block.shape[1],) * 2)
             self.count += len(block)
             if self._microphones is not None:
                 self._lags.add(block)
@@ -389,8 +392,7 @@ class Channels:
             self._levels += [np.mean(block[k : k + self._piece] ** 2, axis=0) for k in begins]
             loud = np.abs(block)
             self._full = self._full + np.count_nonzero((loud >= FULL) & (loud <= 1.0), axis=0)
-            columns = np.ascontiguousarray(block.T)
-            self._sums = [zlib.crc32(own, before) for own, before in zip(columns, self._sums, strict=True)]
+            self._totals, self._products = self._totals + block.sum(axis=0), self._products + block.T @ block
             yield block
 
     def unrelated(self) -> list[int]:
@@ -466,9 +468,16 @@ class Channels:
         return {n + 1: float(shares[n]) for n in np.flatnonzero(shares > CLIPPED).tolist()}
 
     def similar(self) -> list[int]:
-        """Numbers, from 1, of microphones with samples identical to another one's; silent ones are excluded."""
-        own = [a if q > 0.0 else None for a, q in zip(self._sums, self._squares.tolist(), strict=True)]
-        return [n + 1 for n, each in enumerate(own) if each is not None and own.count(each) > 1]
+        """Numbers, from 1, of microphones with the samples of another one, but for a gain and an offset.
+
+        Silent ones are excluded.
+        """
+        covariance = self._products - np.outer(self._totals, self._totals) / max(self.count, 1)
+        scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            correlation = covariance / np.outer(scale, scale)
+        np.fill_diagonal(correlation, 0.0)
+        return (np.flatnonzero((correlation > MIN_COPY).any(axis=1)) + 1).tolist()
 
 
 def checks(

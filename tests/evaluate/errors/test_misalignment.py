@@ -12,6 +12,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.cli.main import run
+from occlog.errors import spelled
 from occlog.evaluate.errors.misalignment import (
     MAX_WINDOWS,
     DelaySums,
@@ -309,3 +310,40 @@ def test_a_truth_of_frames_numbered_two_lower_is_a_delay(
     (stdout,) = json.loads(capsys.readouterr().out)["warnings"]
     assert stdout["id"] == "tracks-delayed"
     assert stdout["figures"]["delay_s"] == pytest.approx(0.2, abs=4.0 * stdout["figures"]["sigma_s"])
+
+
+@pytest.mark.parametrize(
+    ("change", "id", "remedy"),
+    [
+        (lambda p: p._replace(t=p.t / 60.0), "time-unit-differs", "for tracks in minutes: multiply the times by 60"),
+        (lambda p: p._replace(t=p.t / 3600.0), "time-unit-differs", "for tracks in hours: multiply the times by 3600"),
+        (lambda p: p._replace(t=p.t * 1000.0), "time-unit-differs", "for tracks in ms: input_units FILE:ms"),
+        (lambda p: p._replace(xy=p.xy / 0.3048), "length-unit-differs", "for tracks in ft: input_units FILE:ft"),
+        (lambda p: p._replace(xy=p.xy / 0.0254), "length-unit-differs", "for tracks in in: input_units FILE:in"),
+        (lambda p: p._replace(xy=p.xy * 0.001), "length-unit-differs", "for a truth in mm: input_units FILE:mm"),
+    ],
+)
+def test_the_remedy_for_another_unit_is_how_to_state_it(change: Any, id: str, remedy: str) -> None:
+    truth = positions(3)
+    found = alternative(change(truth), truth, 1.0)
+    assert found is not None
+    assert (found[0].id, spelled(found[0].remedy).replace("--input-units", "input_units")) == (id, remedy)
+
+
+@pytest.mark.parametrize("which", ["tracks", "truth"])
+def test_the_table_with_times_in_days_is_named(which: str) -> None:
+    seconds = positions()._replace(t=positions().t + UTC)
+    days = seconds._replace(t=seconds.t / 86_400.0 + 25_569.0)
+    found = alternative(*((days, seconds) if which == "tracks" else (seconds, days)), 1.0)
+    assert found is not None
+    assert (found[0].id, found[0].which) == ("times-in-days", which)
+
+
+def test_tracks_in_ms_of_which_few_are_in_the_time_of_the_truth_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, unit in (("ms.tum", 1000.0), ("s.tum", 1.0)):
+        rows = [f"{0.1 * k * unit:.1f} {3.0 * np.cos(0.03 * k):.4f} {0.01 * k:.4f} 1 0 0 0 1" for k in range(200)]
+        (tmp_path / name).write_text("\n".join(rows) + "\n")
+    assert run(["evaluate", str(tmp_path / "ms.tum"), "--truth", str(tmp_path / "s.tum"), "--json"]) == 0
+    assert [each["id"] for each in json.loads(capsys.readouterr().out)["warnings"]] == ["time-unit-differs"]

@@ -248,3 +248,23 @@ def test_positions_of_microphones_state_their_unit(tmp_path: Path, unit: str, sc
     with pytest.raises(InputError) as caught:
         read_arrays(path)
     assert caught.value.id == "missing-column"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (np.linspace(0.0, 1.0, 40, endpoint=False), "turns?"),
+        (np.linspace(-3.1, 3.1, 40), "radians?"),
+        (np.linspace(0.0, 399.0, 40), "gon?"),
+        (np.linspace(0.0, 359.9, 40), ""),
+        (np.linspace(-10.0, 10.0, 40), ""),
+    ],
+)
+def test_a_range_of_azimuths_of_another_unit_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], values: np.ndarray, said: str
+) -> None:
+    rows = [f"{k},{'a1' if k % 2 else 'a2'},{value:.4f}" for k, value in enumerate(values.tolist())]
+    read(write(tmp_path, "\n".join(["t_s,sensor,azimuth_deg", *rows]) + "\n"))
+    stderr = capsys.readouterr().err
+    assert said in stderr
+    assert ("warning" in stderr) is bool(said)

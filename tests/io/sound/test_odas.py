@@ -174,3 +174,46 @@ def test_a_counter_of_32_bits_that_begins_again_at_0_goes_on(tmp_path: Path) -> 
     assert doa.t_ns.tolist() == [8_000_000 * n for n in range(2**32 - 3, 2**32 + 3)]
     with pytest.raises(InputError, match="it starts again there"):
         read(tmp_path, hop(2**31, source(1, 1, 0, 0)) + hop(0, source(1, 1, 0, 0)))
+
+
+def stream(*counts: int) -> str:
+    return "".join(hop(n, source(1, 1, 0, 0)) for n in counts)
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        # one count is off: no wrap-around, and no second run
+        ([1, 2, 2**32 - 1, 3, 4], "line 13: timeStamp is 4294967295 between 2 and 3"),
+        ([1, 2, 900, 3, 4], "line 13: timeStamp is 900 between 2 and 3"),
+        ([700, 701, 0, 702], "line 13: timeStamp is 0 between 701 and 702"),
+        ([2**32 - 1, 1, 2], "line 7: time of mic goes back by 3.44e.07 s; it starts again there"),
+        ([1, 2, 2**32 - 2, 2**32 - 1, 5], "line 13: timeStamp jumps from 2 to 4294967294"),
+        # a second run need not begin at 0
+        ([*range(240, 600), *range(250, 260)], "line 2161: time of mic goes back by 2.79 s; it starts again there"),
+        # seconds are no hops
+        ([1, 1, 1, 1, 2, 2, 2, 2], "timeStamp repeats in 6 of 8 objects"),
+    ],
+)
+def test_a_count_of_hops_that_is_none_is_refused_with_its_line(
+    tmp_path: Path, counts: list[int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read(tmp_path, stream(*counts))
+    assert caught.value.id == "unsorted-times"
+
+
+def test_counts_that_repeat_or_jump_are_named_with_line_and_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    doa, _ = read(tmp_path, hop(0) + stream(1, 2, 2, 3, 4_950_003))
+    assert doa.t_ns[-1] == 4_950_003 * 8_000_000
+    stderr = capsys.readouterr().err
+    assert "warning:" in stderr
+    assert "line 19: timeStamp repeats (1 in all)" in stderr
+    assert "line 31: timeStamp jumps by 4950000 hops (39600 s)" in stderr
+
+
+def test_pauses_of_a_log_of_heard_hops_alone_are_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    read(tmp_path, stream(1, 2, 20_000, 20_001, 22_000))
+    assert "warning" not in capsys.readouterr().err

@@ -47,6 +47,8 @@ def test_each_fault_is_found(seed: int) -> None:
     similar = clean.copy()
     similar[:, 3] = similar[:, 0]
     assert found(similar) == {"microphones-identical"}
+    similar[:, 3] = np.round(32768.0 * (0.8 * clean[:, 0] + 0.01)) / 32768.0
+    assert found(similar) == {"microphones-identical"}
     assert found(np.clip(8.0 * clean, -1.0, 1.0)) == {"clipped"}
     assert found(clean, rows=0) == {"no-directions"}
 

@@ -111,7 +111,7 @@ FORMAT = TextFormat(
     times=True,
 )
 MIN_ROWS = 20
-"""Directions of several arrays of which none is beyond 2 pi degrees where they are likely to be in radians."""
+"""Number of directions from which their range tells their unit."""
 AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimuth") for name in names}
 """Names of columns that a log is known by."""
 
@@ -128,7 +128,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         InputError: a column is missing, or a value is invalid or out of range.
         UsageError: a column of angles does not state its unit.
     """
-    label, names, count, widest = "", set[str](), 0, 0.0
+    label, names, count, least, most = "", set[str](), 0, np.inf, -np.inf
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
         elevation = _angle(rows, "elevation", options)
@@ -141,7 +141,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         steps: Floats = np.diff(np.unique(t_ns)).astype(np.float64) / NS
         check_unit(rows, steps)
         names, count = names | set(sensor.tolist()), count + len(rows)
-        widest = max(widest, math.degrees(float(np.abs(azimuth).max(initial=0.0))))
+        least, most = min(least, float(azimuth.min())), max(most, float(azimuth.max()))
         yield DoaRows(
             line=rows.lines,
             t_ns=t_ns + options.start_ns,
@@ -153,11 +153,30 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
             sigma_elevation=_sigma(rows, "sigma_elevation", options),
             confidence=part["confidence"],
         )
-    if len(names) > 1 and count >= MIN_ROWS and widest <= 2.0 * math.pi:
-        note_once(
-            f"warning: {path}: all azimuths of {len(names)} arrays are within {widest:.3g} degrees of 0; are they "
-            "radians? Then name the column azimuth_rad"
+    if count >= MIN_ROWS and (doubt := _unit_doubt(math.degrees(least), math.degrees(most), several=len(names) > 1)):
+        note_once(f"warning: {path}: {doubt}")
+
+
+def _unit_doubt(least_deg: float, most_deg: float, *, several: bool) -> str:
+    """Text on angles that seem to be in another unit than degrees, by their range; empty: they do not.
+
+    Args:
+        least_deg: least azimuth, as read [degrees].
+        most_deg: greatest azimuth.
+        several: they are of several arrays.
+    """
+    widest = max(abs(least_deg), abs(most_deg))
+    if several and 0.0 < widest <= 1.0:
+        return f"all azimuths are within {widest:.3g} degrees of 0; turns? Then multiply them by 360"
+    # From -pi to pi, or from 0 to 2 pi, and no more
+    around = most_deg - least_deg > 0.95 * 2.0 * math.pi
+    if (several or around) and widest <= 2.0 * math.pi:
+        return (
+            f"all azimuths are within {widest:.3g} degrees of 0; are they radians? Then name the column azimuth_rad"
         )
+    if 0.0 <= least_deg and 361.0 < most_deg <= 400.0:
+        return f"azimuths are 0 to {most_deg:.4g} degrees; gon? Then multiply them by 0.9"
+    return ""
 
 
 def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:

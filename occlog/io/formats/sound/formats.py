@@ -22,9 +22,11 @@ import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -404,6 +406,8 @@ MAX_COUNT, COUNTER = 10**11, 2**32
 values of a counter of 32 bits."""
 MAX_GAP = 10**6
 """Hops that may be missing where such a counter begins again."""
+MAX_DISORDER, MAX_PAUSE_S = 10, 60.0
+"""Hops by which objects out of order go back at most; pause between hops [s] above which it is noted."""
 ROWS_PER_CHUNK = 16_384
 
 
@@ -444,12 +448,12 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
             id="missing-times",
         )
     rows: list[tuple[int, int, int, float, float, float]] = []
-    hops = taken = idle = above = 0
-    before = wraps = 0
-    for hop in _hops(path, losses):
-        # A counter of 32 bits begins again at 0; that of a second run does so before its end
-        wraps += COUNTER - MAX_GAP < before - hop.number < COUNTER
-        before = hop.number
+    hops = taken = idle = above = wraps = 0
+    counter = _Counter(path, sensor, float(options.hop))
+    for hop, after in pairwise(chain(_hops(path, losses), [None])):
+        if hop is None:
+            break
+        wraps += counter.advance(hop, after)
         t_ns = options.start_ns + round((hop.number + wraps * COUNTER) * options.hop * NS)
         sources = list(_sources(path, hop))
         heard = [source for source in sources if source[3] != 0.0]
@@ -462,6 +466,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
             rows = []
     if rows:
         yield _odas_rows(rows, sensor)
+    counter.note()
     if idle:
         note_once(
             f"note: {path}: {idle} directions without activity left out: ODAS predicted them without hearing a source"
@@ -473,6 +478,89 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
             f"warning: {path}: {hops} hops and no direction; check the thresholds of ODAS, and that its "
             "microphones recorded"
         )
+
+
+@dataclass
+class _Counter:
+    """The counter of hops of a stream of ODAS, checked from object to object.
+
+    Attributes:
+        path: the stream, for messages.
+        sensor: name of the array.
+        hop_s: hop length [s].
+        before: hop before; None: there is none.
+        counted: number of hops so far.
+        silent: number of those without a source.
+        repeats: number of those with the count of the one before.
+        repeat: line of the first of these.
+        jump: largest increase.
+        jump_line: line of the hop behind it.
+    """
+
+    path: Path
+    sensor: str
+    hop_s: float
+    before: _OdasObject | None = None
+    counted: int = 0
+    silent: int = 0
+    repeats: int = 0
+    repeat: int = 0
+    jump: int = 0
+    jump_line: int = 0
+
+    def advance(self, hop: _OdasObject, after: _OdasObject | None) -> bool:
+        """Take the next hop, followed by `after`; return whether a counter of 32 bits has begun again at 0.
+
+        InputError if the count of one object is off, goes back (a second run) or jumps by half the range of such a
+        counter.
+        """
+        before, self.before = self.before, hop
+        self.counted += 1
+        self.silent += all(s.get("id") == 0 or not any(s.get(axis) for axis in "xyz") for s in hop.sources)
+        if before is None:
+            return False
+        step = hop.number - before.number
+        if after is not None and before.number < after.number and not before.number <= hop.number <= after.number:
+            raise self._error(hop, f"timeStamp is {hop.number} between {before.number} and {after.number}; correct it")
+        if self.counted > 2 and COUNTER - MAX_GAP < -step < COUNTER:
+            return True
+        if step < 0:
+            remedy = (
+                "sort the log by time"
+                if -step <= MAX_DISORDER
+                else "it starts again there: these are two runs in one file; split it at this line"
+            )
+            raise self._error(hop, f"time of {self.sensor} goes back by {-step * self.hop_s:.3g} s; {remedy}")
+        if step > COUNTER // 2:
+            raise self._error(hop, f"timeStamp jumps from {before.number} to {hop.number}; correct it, or split the log")
+        if step == 0:
+            self.repeats, self.repeat = self.repeats + 1, self.repeat or hop.line
+        if step > self.jump:
+            self.jump, self.jump_line = step, hop.line
+        return False
+
+    def note(self) -> None:
+        """Note repeated counts and a long jump; InputError if most counts repeat."""
+        if 2 * self.repeats > self.counted:
+            raise InputError(
+                f"{self.path}: timeStamp repeats in {self.repeats} of {self.counted} objects, so that it does not "
+                "count hops; write the number of each hop",
+                id="unsorted-times",
+            )
+        if self.repeats:
+            note_once(
+                f"warning: {self.path}: line {self.repeat}: timeStamp repeats ({self.repeats} in all): "
+                "two logs in one file, or a part twice?"
+            )
+        if (jump_s := self.jump * self.hop_s) > MAX_PAUSE_S:
+            # A log of hops with a source alone has such pauses
+            note_once(
+                f"{'warning' if self.silent else 'note'}: {self.path}: line {self.jump_line}: timeStamp jumps by "
+                f"{self.jump} hops ({jump_s:.6g} s): is this one recording?"
+            )
+
+    def _error(self, hop: _OdasObject, text: str) -> InputError:
+        return InputError(f"{self.path}: line {hop.line}: {text}", id="unsorted-times")
 
 
 def parse_hop(text: str) -> Fraction:
