@@ -167,9 +167,7 @@ _OF_ALL: dict[str, Reading] = {
     "the scene has yaw in radians as yaw_deg": lambda a: a._replace(bearing=a.bearing - a.yaw + np.degrees(a.yaw)),
 }
 """Other readings of the bearings of all arrays, in words with the remedy."""
-_OF_NARROW = [
-    [words for words in _OF_ALL if words.startswith(f"they are in {unit}")] for unit in ("turns", "radians")
-]
+_OF_NARROW = [[words for words in _OF_ALL if words.startswith(f"they are in {unit}")] for unit in ("turns", "radians")]
 """Those that are tried where all bearings are near 0, so that lines are parallel and meet nowhere."""
 _OF_ONE: dict[str, Callable[[_Angles], Floats]] = {
     "those of {name} are in radians: convert them": lambda a: np.degrees(a.bearing),
@@ -255,7 +253,9 @@ class AngleConventionCheck:
         """Generate the other readings of the bearings, in words: of all arrays, of two exchanged ones, and of one."""
         names = list(self._arrays)
         sweeps = {name: len(names) > 2 and self._sweep(name) >= MIN_SWEEP_RAD for name in names}
-        yield from ((words, reading) for words, reading in _OF_ALL.items() if "gon" not in words or any(sweeps.values()))
+        yield from (
+            (words, reading) for words, reading in _OF_ALL.items() if "gon" not in words or any(sweeps.values())
+        )
         for pair in combinations(names, 2) if len(names) <= MAX_EXCHANGED else ():
             for turned in (False, True):
                 yield f"arrays {pair[0]} and {pair[1]} are exchanged", partial(self._exchanged, pair, turned)
@@ -263,7 +263,7 @@ class AngleConventionCheck:
             for words, reading in _OF_ONE.items():
                 # An array that is turned by a constant angle is not one in gon
                 gon = partial(_of_one, name, reading) if "gon" in words else None
-                if gon is None or sweeps[name] and self._misfit(gon) < self._turned(name):
+                if gon is None or (sweeps[name] and self._misfit(gon) < self._turned(name)):
                     yield words.format(name=name), partial(_of_one, name, reading)
 
     def _sweep(self, name: str) -> float:

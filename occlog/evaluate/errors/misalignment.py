@@ -556,7 +556,15 @@ class TruthAlignment:
                 continue
             best, now, gate = found
             change = ", ".join(part for part in (words, best.change) if part)
-            figures = {"met": best.met, "now": now, "gate": gate}
-            words = {"change": change, "unit": self._unit, "remedy": best.remedy, "which": best.which}
-            yield finding(ALIGNMENT, best.id, **figures, **words)
+            yield finding(
+                ALIGNMENT,
+                best.id,
+                met=best.met,
+                now=now,
+                change=change,
+                gate=gate,
+                unit=self._unit,
+                remedy=best.remedy,
+                which=best.which,
+            )
             return

@@ -26,14 +26,23 @@ ROS_BAG = "convert a bag of another program by `occlog ingest`"
 """Remedy for a bag where a recording was expected."""
 
 
+HIVE_CSV = "*=*/*.csv"
+"""CSV tables in parts in folders with the value of a column in their names."""
 _IN_FOLDERS = (
     ("*.mcap", f"; {ROS_BAG}"),
     ("*.db3", f"; {ROS_BAG}"),
     ("_delta_log", "; of a table of Delta Lake write the current version as one file"),
     ("metadata/*.avro", "; of a table of Iceberg write the current version as one file"),
+    (HIVE_CSV, "; join its parts: duckdb -c \"COPY (FROM '{path}/*/*.csv') TO 'one.csv'\""),
     ("*.csv", "; name one file, and join tables in several files"),
 )
 """What a folder holds that is given for a file, and what to do."""
+
+
+def folder_hint(path: Path) -> str:
+    """Return what to do about a folder that is given for a file, after a semicolon; empty: its content is unknown."""
+    return next((words.format(path=path) for pattern, words in _IN_FOLDERS if any(path.glob(pattern))), "")
+
 
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -67,8 +76,7 @@ def check_input(path: Path, what: str) -> Path:
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            hint = next((words for pattern, words in _IN_FOLDERS if any(path.glob(pattern))), "")
-            raise InputError(f"{path}: is a folder; {what} was expected{hint}", id="not-a-file")
+            raise InputError(f"{path}: is a folder; {what} was expected{folder_hint(path)}", id="not-a-file")
         check_regular(path, status.st_mode, what)
         with path.open("rb"):
             pass

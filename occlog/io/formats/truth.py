@@ -32,7 +32,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.limits import check_input, naming
+from occlog.io.files.limits import check_input, folder_hint, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
 from occlog.io.files.texts.documents import number, required, xml_events
 from occlog.io.files.texts.formats import (
@@ -457,6 +457,8 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     probe = Probe(path, WHAT)
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
+            if hint := folder_hint(path):
+                raise InputError(f"{path}: is a folder{hint}", id="not-a-file")
             raise InputError(
                 f"{path}: is a folder; only WILDTRACK's annotations (JSON, format wildtrack) are read from one; give "
                 "these, or a file",

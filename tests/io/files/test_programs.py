@@ -129,13 +129,27 @@ def test_positions_without_a_header_are_no_damaged_parquet(tmp_path: Path, conte
     assert caught.value.id == "unknown-format"
 
 
-@pytest.mark.parametrize(("inside", "words"), [("_delta_log/0.json", "Delta Lake"), ("part-0.csv", "one file")])
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [("_delta_log/0.json", "Delta Lake"), ("part-0.csv", "one file"), ("day=1/part-0.csv", "join its parts: duckdb")],
+)
 def test_folders_of_tables_state_what_to_write(tmp_path: Path, inside: str, words: str) -> None:
     (tmp_path / inside).parent.mkdir(exist_ok=True)
     (tmp_path / inside).write_text("{}")
     with pytest.raises(InputError, match=words) as caught:
         open_input(tmp_path)
     assert caught.value.id == "not-a-file"
+
+
+@pytest.mark.parametrize("words", [["--truth"], ["--positions"], ["--allow-uncalibrated", "--boxes"]])
+def test_csv_in_parts_of_hive_is_refused_by_ingest_with_a_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    (tmp_path / "hive" / "day=1").mkdir(parents=True)
+    (tmp_path / "hive" / "day=1" / "part-0.csv").write_text("frame,id,x,y\n0,1,2,3\n")
+    given = [*words, str(tmp_path / "hive"), "--fps", "10"]
+    assert run(["ingest", "-o", str(tmp_path / "x.mcap"), *given]) == ExitCode.BAD_INPUT
+    assert "join its parts: duckdb" in capsys.readouterr().err
 
 
 def test_columns_for_each_target_are_named(tmp_path: Path) -> None:

@@ -195,9 +195,7 @@ def stream(*counts: int) -> str:
         ([1, 1, 1, 1, 2, 2, 2, 2], "timeStamp repeats in 6 of 8 objects"),
     ],
 )
-def test_a_count_of_hops_that_is_none_is_refused_with_its_line(
-    tmp_path: Path, counts: list[int], message: str
-) -> None:
+def test_a_count_of_hops_that_is_none_is_refused_with_its_line(tmp_path: Path, counts: list[int], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         read(tmp_path, stream(*counts))
     assert caught.value.id == "unsorted-times"

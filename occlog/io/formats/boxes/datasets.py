@@ -40,7 +40,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.limits import bounded_text, check_input
+from occlog.io.files.limits import HIVE_CSV, bounded_text, check_input, folder_hint
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
 from occlog.io.files.programs import refuse_unread
 from occlog.io.files.texts.csv_rows import ROWS_PER_CHUNK, CsvRows, text_lines
@@ -318,6 +318,8 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
     if not cameras:
         for folder in (path, *(path / name for name in found)):
             refuse_unread(folder)
+        if any(path.glob(HIVE_CSV)):
+            raise InputError(f"{path}: is a folder{folder_hint(path)}", id="not-a-file")
         raise InputError(
             f"{path}: holds no YOLO labels (one text for each frame, NAME_12.txt or 000012.txt); name their folder",
             id="unknown-format",

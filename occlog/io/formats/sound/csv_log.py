@@ -171,10 +171,8 @@ def _unit_doubt(least_deg: float, most_deg: float, *, several: bool) -> str:
     # From -pi to pi, or from 0 to 2 pi, and no more
     around = most_deg - least_deg > 0.95 * 2.0 * math.pi
     if (several or around) and widest <= 2.0 * math.pi:
-        return (
-            f"all azimuths are within {widest:.3g} degrees of 0; are they radians? Then name the column azimuth_rad"
-        )
-    if 0.0 <= least_deg and 361.0 < most_deg <= 400.0:
+        return f"all azimuths are within {widest:.3g} degrees of 0; are they radians? Then name the column azimuth_rad"
+    if least_deg >= 0.0 and 361.0 < most_deg <= 400.0:
         return f"azimuths are 0 to {most_deg:.4g} degrees; gon? Then multiply them by 0.9"
     return ""
 

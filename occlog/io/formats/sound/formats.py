@@ -532,7 +532,9 @@ class _Counter:
             )
             raise self._error(hop, f"time of {self.sensor} goes back by {-step * self.hop_s:.3g} s; {remedy}")
         if step > COUNTER // 2:
-            raise self._error(hop, f"timeStamp jumps from {before.number} to {hop.number}; correct it, or split the log")
+            raise self._error(
+                hop, f"timeStamp jumps from {before.number} to {hop.number}; correct it, or split the log"
+            )
         if step == 0:
             self.repeats, self.repeat = self.repeats + 1, self.repeat or hop.line
         if step > self.jump:
