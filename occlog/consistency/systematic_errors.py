@@ -28,9 +28,6 @@ SYSTEMATIC, NOISE = "sensor errors", "sensor noise"
 """Names of the checks."""
 WINDOW_S = 1.0
 """Time in which the error of a track is linear [s]."""
-MIN_AWAY = 2.0
-"""Least distance of a sensor from the target for a judgement of noise, in standard deviations of bearings times
-distances."""
 HALF_STEP_S = 0.5
 """Velocities are differences of positions this time before and after [s]."""
 EPSILON_S = 1e-6
@@ -176,10 +173,7 @@ class SystematicErrors:
         np.add.at(self._counts, names[at], 1.0)
         np.add.at(self._away, names[at], rows[:, 7])
         self._verified |= n > 2
-        # Bearings of a sensor that the target touches are not linear in the position
-        away = rows[:, 7] ** -0.5
-        if away.min() > MIN_AWAY * np.median(rows[:, 6] * away):
-            self._noise.add(names[at], rows[:, 2], u)
+        self._noise.add(names[at], rows[:, 2], u)
         X, y = X - u @ (u.T @ X), rows[:, 2] - u @ (u.T @ rows[:, 2])
         normal, right = X.T @ X, X.T @ y
         self._normal[np.ix_(columns, columns)] += normal
