@@ -416,6 +416,7 @@ class StatedResiduals(NamedTuple):
     t_ns: Ints  # (N,) of the estimates
     residual: Floats  # (N,) in standard deviations as stated
     sigma: Floats  # (N,) standard deviation as stated [rad]
+    touched: Bools  # (N,) the target touches the sensor
 
 
 class CandidateFrames(NamedTuple):
@@ -523,9 +524,8 @@ class BearingConsistency:
                 near[n] |= far <= GATE_SIGMAS
                 keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
                 parts.append(_table(path, name, i[keep], residuals, far, keep))
-                keep &= ~residuals.touched
-                stated = (path.t_ns[i[keep]], residuals.residual[keep], residuals.sigma[keep])
-                self.stated.append(StatedResiduals(path.target, name, *stated))
+                stated = (residuals.residual[keep], residuals.sigma[keep], residuals.touched[keep])
+                self.stated.append(StatedResiduals(path.target, name, path.t_ns[i[keep]], *stated))
             if met.any():
                 frames.append(self._left(name, own.take(met), near[met]))
         return Residuals.merge(parts), tuple(frames)
