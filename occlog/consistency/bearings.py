@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
-from occlog.core.geometry.camera import noise_variance, planar_offsets, wrap_angle
+from occlog.core.geometry.camera import noise_variance, planar_offsets, second_order_variance, touches, wrap_angle
 from occlog.core.metrics.errors import ratio_or_nan
 from occlog.core.metrics.normalised_squares import BatchMeans, Ratio
 from occlog.records.scene import Camera, MicrophoneArray, Scene
@@ -121,6 +121,8 @@ CONVENTION = "angle convention"
 """Name of the check."""
 MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
+MIN_CROSSING = 0.1
+"""Lines of sight that are parallel but for this angle [rad] may meet behind the stations by their noise alone."""
 NEAR = 0.2
 """Distance of a source from a station over the median one from the others, below which its bearing is arbitrary."""
 
@@ -316,6 +318,9 @@ class AngleConventionCheck:
                 arrays = [self._arrays[name] for name in names]
                 positions = np.array([each.position[:2] for each in arrays], dtype=np.float64)
                 yaw = np.array([each.yaw for each in arrays])
+                across = np.column_stack([-np.sin(own.bearing[rows]), np.cos(own.bearing[rows])])
+                if np.linalg.eigvalsh(across.T @ across)[0] < MIN_CROSSING**2 * len(names):
+                    continue
                 self._near += len(names) > 2 and not _away_from_all(positions, own.bearing[rows])
                 self._steps.append(_Angles(positions, yaw, own.bearing[rows], names))
 
@@ -466,6 +471,7 @@ class ResidualAngles(NamedTuple):
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
     sigma: Floats  # (N,) standard deviation as stated [rad]
+    touched: Bools  # (N,) the target touches the sensor: the bearing is not linear in the position
 
 
 class StatedResiduals(NamedTuple):
@@ -476,6 +482,7 @@ class StatedResiduals(NamedTuple):
     t_ns: Ints  # (N,) of the estimates
     residual: Floats  # (N,) in standard deviations as stated
     sigma: Floats  # (N,) standard deviation as stated [rad]
+    touched: Bools  # (N,) the target touches the sensor
 
 
 class CandidateFrames(NamedTuple):
@@ -497,7 +504,8 @@ def bearing_residuals(
 ) -> ResidualAngles:
     """Return the residuals of N bearings of a sensor at estimated positions.
 
-    Bearings with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own.
+    Bearings with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own. Where the target
+    touches the sensor, within its covariance, their variance is that of any direction.
 
     Args:
         rows: N bearings of the sensor.
@@ -518,12 +526,13 @@ def bearing_residuals(
             h, d, focal_px=f, sigma_position=sensor.sigma_position, sigma_yaw=sensor.sigma_yaw, sigma_read_px=read
         )
         variance = np.where(pixels & before, px / (f * (1.0 + (h / d) ** 2)) ** 2, variance)
-    variance = np.maximum(variance, 1e-24)
+    touched = touches(away, covariance)
+    variance = np.maximum(variance, 1e-24) + np.where(touched, second_order_variance(away, covariance), 0.0)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     expected = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
     off = wrap_angle(rows.bearing - np.arctan2(away[:, 1], away[:, 0]))
     sigma = np.sqrt(variance)
-    return ResidualAngles(off / sigma, np.maximum(expected, 0.0), sigma)
+    return ResidualAngles(off / sigma, np.maximum(expected, 0.0), sigma, touched)
 
 
 class BearingConsistency:
@@ -581,8 +590,8 @@ class BearingConsistency:
                 near[n] |= far <= GATE_SIGMAS
                 keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
                 parts.append(_table(path, name, i[keep], residuals, far, keep))
-                stated = (path.t_ns[i[keep]], residuals.residual[keep], residuals.sigma[keep])
-                self.stated.append(StatedResiduals(path.target, name, *stated))
+                stated = (residuals.residual[keep], residuals.sigma[keep], residuals.touched[keep])
+                self.stated.append(StatedResiduals(path.target, name, path.t_ns[i[keep]], *stated))
             if met.any():
                 frames.append(self._left(name, own.take(met), near[met]))
         return Residuals.merge(parts), tuple(frames)

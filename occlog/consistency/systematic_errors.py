@@ -28,9 +28,6 @@ SYSTEMATIC, NOISE = "sensor errors", "sensor noise"
 """Names of the checks."""
 WINDOW_S = 1.0
 """Time in which the error of a track is linear [s]."""
-MIN_AWAY = 2.0
-"""Least distance of a sensor from the target for a judgement of noise, in standard deviations of bearings times
-distances."""
 HALF_STEP_S = 0.5
 """Velocities are differences of positions this time before and after [s]."""
 EPSILON_S = 1e-6
@@ -120,8 +117,9 @@ class SystematicErrors:
     def _usable(self, one: StatedResiduals) -> StatedResiduals:
         """Return a copy of the residuals without outliers and without bearings of very large standard deviation."""
         size = np.abs(one.residual)
-        use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD)
-        return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
+        use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD) | one.touched
+        columns = one.t_ns[use], one.residual[use], one.sigma[use], one.touched[use]
+        return StatedResiduals(one.target, one.sensor, *columns)
 
     def _add_target(self, tracks: Tracks, parts: Sequence[StatedResiduals]) -> None:
         """Add the bearings of one target to the normal equations of the yaw and clock errors of all sensors.
@@ -137,7 +135,7 @@ class SystematicErrors:
         seconds = (tracks.t_ns - first) / NS
         # Errors of estimates follow the bearings; those of lines through neighbours are smoother
         path = local_lines(seconds, xy)
-        found = [np.empty((0, 8))]
+        found = [np.empty((0, 9))]
         for one in parts:
             at, n = np.searchsorted(tracks.t_ns, one.t_ns), self._number[one.sensor]
             origin = self._sensors[one.sensor].position[:2]
@@ -145,19 +143,22 @@ class SystematicErrors:
             r2 = np.maximum(np.sum((xy[at] - origin) ** 2, axis=1), 1e-24)
             turn = np.sum(gradient * _velocities(seconds, path, seconds[at]), axis=1)
             sensor = np.full(len(at), float(n))
-            found.append(np.column_stack([seconds[at], sensor, residual, gradient, -turn, one.sigma, 1.0 / r2]))
+            columns = [seconds[at], sensor, residual, gradient, -turn, one.sigma, 1.0 / r2, one.touched]
+            found.append(np.column_stack(columns))
         rows = np.concatenate(found)
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         for window in np.split(rows, np.flatnonzero(np.diff(rows[:, 0] // WINDOW_S)) + 1):
-            if len(window) > 2:
+            # Next to a sensor the estimate is not linear in any of the bearings
+            if len(window) > 2 and not window[:, 8].any():
                 self._add_window(window)
 
     def _add_window(self, rows: Floats) -> None:
         """Add N bearings of one target in one window, with its position and velocity eliminated.
 
         Args:
-            rows: (N, 8) time [s], number of the sensor, residual, its gradient by x and y, its derivative by the
-                lateness of the clock [1/s] (all in standard deviations), the standard deviation [rad] and 1 / r^2.
+            rows: (N, 9) time [s], number of the sensor, residual, its gradient by x and y, its derivative by the
+                lateness of the clock [1/s] (all in standard deviations), the standard deviation [rad], 1 / r^2, and
+                whether the target touches the sensor.
         """
         names, at = np.unique(rows[:, 1].astype(np.int64), return_inverse=True)
         if len(names) < 2:
@@ -176,10 +177,7 @@ class SystematicErrors:
         np.add.at(self._counts, names[at], 1.0)
         np.add.at(self._away, names[at], rows[:, 7])
         self._verified |= n > 2
-        # Bearings of a sensor that the target touches are not linear in the position
-        away = rows[:, 7] ** -0.5
-        if away.min() > MIN_AWAY * np.median(rows[:, 6] * away):
-            self._noise.add(names[at], rows[:, 2], u)
+        self._noise.add(names[at], rows[:, 2], u)
         X, y = X - u @ (u.T @ X), rows[:, 2] - u @ (u.T @ rows[:, 2])
         normal, right = X.T @ X, X.T @ y
         self._normal[np.ix_(columns, columns)] += normal

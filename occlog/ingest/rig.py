@@ -56,7 +56,14 @@ def describe(calibration: CalibrationFile) -> str:
     )
 
 
-def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bool) -> tuple[Check, ...]:
+def world_checks(
+    cameras: Sequence[Camera],
+    up: str | None,
+    *,
+    ground_stated: bool,
+    mirror: str | None = None,
+    turned_by: Floats | None = None,
+) -> tuple[Check, ...]:
     """Outcomes of checks of the world of calibrated cameras: right-handed, upright, cameras above the ground.
 
     Without cameras with poses each of them states that it could not be made. Also examined is whether other conventions
@@ -66,6 +73,8 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
         cameras: as they are in the scene, after the world was mirrored and turned.
         up: as the user gave it; None: the world of the calibration stays.
         ground_stated: the user stated the height of the ground.
+        mirror: axis that was negated; None: none.
+        turned_by: (3, 3) by which the world was mirrored and turned; None: it was not.
     """
     placed = [c for c in cameras if c.placed]
     if not placed:
@@ -78,16 +87,18 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
             return (*outcome(HANDED, ()), *outcome(UPRIGHT, misread), *outcome(HEIGHTS, (), unless="they are misread"))
         left = "the world seems to be left-handed"
         return (
-            *outcome(HANDED, [finding(HANDED, "world-left-handed")]),
+            *outcome(HANDED, [finding(HANDED, "world-left-handed" if mirror is None else "world-mirrored")]),
             *outcome(UPRIGHT, (), unless=left),
             *outcome(HEIGHTS, (), unless=left),
         )
-    tilted = [*tilted_world(rotations, up)]
+    tilted = [*tilted_world(rotations, up, mirror, turned_by)]
     unknown = up is None and bool(tilted) and not ground_stated
     low = [] if unknown else [*_low(placed)]
     off = _distance_from_axes(centres, rotations[:, :, 2]) if len(placed) > 2 else 0.0
     # Cameras that agree on another axis are read as meant
     agreed = bool(tilted) and other_up_axis(rotations) is not None
+    if agreed and up is not None:
+        low = []
     limit = NEAR if (tilted or low) and not agreed else min(NEAR, off / NEARER) if off > NEAR else 0.0
     misread = [*_misread(placed, limit)] if as_read and limit else []
     single = [*_misread_ones(placed)] if as_read and not misread and not agreed else []
@@ -99,26 +110,43 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     )
 
 
-def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
+def tilted_world(
+    rotations: Floats, up: str | None = None, mirror: str | None = None, turned_by: Floats | None = None
+) -> Iterator[Check]:
     """Yield a finding if the world of cameras is not upright, or if `auto` cannot determine the vertical.
 
     The vertical is estimated from the cameras' horizons, which leave it open if all cameras have about the same
-    direction.
+    direction. A vertical that the user gave is contradicted only by cameras that agree on another axis. The finding
+    names the vertical in the calibration's own world, as `up` states it, and repeats the mirrored axis.
 
     Args:
-        rotations: (C, 3, 3) world-from-camera rotations.
+        rotations: (C, 3, 3) world-from-camera rotations, after the world was mirrored and turned.
         up: as the user gives it: None, `auto`, or a direction.
+        mirror: axis that was negated; None: none.
+        turned_by: (3, 3) by which the world was mirrored and turned; None: it was not.
     """
-    if up is None and not is_upright(rotations):
-        axis = other_up_axis(rotations)
-        direction = vertical(rotations).up
-        text = axis or f"({', '.join(f'{v:.2f}' for v in direction)})"
+    axis = other_up_axis(rotations)
+    if up == AUTO:
+        if not vertical(rotations).certain:
+            yield finding(UPRIGHT, "vertical-uncertain")
+    elif axis is not None or (up is None and not is_upright(rotations)):
+        direction = vertical(rotations).up if axis is None else axis_vector(axis)
         off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
-        if axis is not None:
-            off_deg = 180.0 if axis == "-z" else 90.0
-        yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg, turn=axis or "auto, or X,Y,Z")
-    elif up == AUTO and not vertical(rotations).certain:
-        yield finding(UPRIGHT, "vertical-uncertain")
+        own = direction if turned_by is None else direction @ turned_by
+        name = next((a for a in ("x", "y", "z", "-x", "-y", "-z") if axis_vector(a) @ own > ON_AXIS), None)
+        text = name or f"({', '.join(f'{v:.2f}' for v in own)})"
+        turn = (name if axis is not None else None) or "auto, or X,Y,Z"
+        also = "" if mirror is None else f"--mirror {mirror} "
+        yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg, of=up or "z", turn=turn, mirror=also)
+
+
+ON_AXIS = 1.0 - 1e-9
+"""Cosine of the angle to an axis, above which a direction is that axis."""
+
+
+def axis_vector(name: str) -> Floats:
+    """Return the unit vector (3,) of a signed axis, as `-y`."""
+    return np.where([a == name[-1] for a in "xyz"], -1.0 if name.startswith("-") else 1.0, 0.0)
 
 
 OPENGL = np.diag([1.0, -1.0, -1.0])

@@ -33,9 +33,7 @@ from occlog.records.tables import Truth
 from occlog.records.verdicts import Check, outcome
 
 from .plan import IngestPlan
-from .rig import AUTO, describe, pose_checks, scene_checks, world_checks
-
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+from .rig import AUTO, axis_vector, describe, pose_checks, scene_checks, world_checks
 
 
 class Turn(NamedTuple):
@@ -143,8 +141,8 @@ def read_up(text: str) -> Floats:
         UsageError: the text is neither, or the vector is 0.
     """
     sign, axis = (-1.0, text[1:]) if text.startswith("-") else (1.0, text.removeprefix("+"))
-    if axis in AXES:
-        return sign * np.array(AXES[axis])
+    if axis in ("x", "y", "z"):
+        return sign * axis_vector(axis)
     try:
         found = np.array([float(v) for v in text.split(",")])
     except ValueError:
@@ -357,7 +355,7 @@ def add_bag_cameras(
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
     checks = (
         *outcome(CALIBRATION, found),
-        *world_checks(placed, plan.up, ground_stated=plan.ground_height is not None),
+        *_world_checks(placed, plan, turn),
     )
     return IngestScene(replace(scene, cameras=(*scene.cameras, *placed)), turn, checks)
 
@@ -396,7 +394,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
             )
         turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note, plan.mirror)
         placed = calibration.cameras if turn is None else tuple(turn.camera(c) for c in calibration.cameras)
-        checks = (*calibration.checks, *world_checks(placed, plan.up, ground_stated=plan.ground_height is not None))
+        checks = (*calibration.checks, *_world_checks(placed, plan, turn))
         cameras += placed
     check_metres(plan, scene.length_unit)
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
@@ -404,6 +402,17 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
     return IngestScene(found, turn, (*of_scene, *checks, *pose_checks(cameras)))
+
+
+def _world_checks(placed: Sequence[Camera], plan: IngestPlan, turn: Turn | None) -> tuple[Check, ...]:
+    """Outcomes of the checks of the world of cameras that `turn` mirrored and turned."""
+    return world_checks(
+        placed,
+        plan.up,
+        ground_stated=plan.ground_height is not None,
+        mirror=plan.mirror,
+        turned_by=None if turn is None else turn.rotation,
+    )
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:

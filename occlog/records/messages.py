@@ -654,10 +654,15 @@ VERDICT: dict[str, Message] = {
         "everything is behind all cameras: the world seems left-handed (Unity, MultiviewX)",
         "mirror it ({option[mirror]} y), or for OpenGL cameras negate rows 2 and 3 of R and t",
     ),
+    "world-mirrored": Message(
+        W,
+        "everything is behind all cameras in the mirrored world: the calibration's own is right-handed",
+        "leave {option[mirror]} out",
+    ),
     "world-not-upright": Message(
         W,
-        "the world of the calibration seems not to be upright: by the horizons up is {up}, {off_deg:.0f} deg from z",
-        "rotate it (ingest --up {turn})",
+        "the world of the calibration seems not to be upright: by the horizons up is {up}, {off_deg:.0f} deg from {of}",
+        "rotate it (ingest {mirror}--up {turn})",
     ),
     "extrinsics-fit-if": Message(
         W,

@@ -57,7 +57,8 @@ def collected(
         away = estimates - camera.position[:2]
         residual = wrap_angle(bearing - np.arctan2(away[:, 1], away[:, 0])) / SIGMA
         keep = rng.random(200) >= 0.3
-        stated.append(StatedResiduals(0, camera.name, t_ns[keep], residual[keep], np.full(keep.sum(), SIGMA)))
+        far = np.zeros(keep.sum(), dtype=np.bool_)
+        stated.append(StatedResiduals(0, camera.name, t_ns[keep], residual[keep], np.full(keep.sum(), SIGMA), far))
     found = SystematicErrors(SCENE)
     found.add(tracks, stated)
     return found

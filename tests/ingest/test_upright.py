@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from occlog.cli.main import run
-from occlog.core.geometry.camera import angles_from_rotation, is_upright
+from occlog.core.geometry.camera import angles_from_rotation, is_upright, turn_upright
 from occlog.errors import ExitCode, InputError, UsageError
-from occlog.ingest.rig import pose_checks, scene_checks, world_checks
+from occlog.ingest.rig import axis_vector, pose_checks, scene_checks, world_checks
 from occlog.ingest.scene import find_turn, read_up
 from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import read_calibration
@@ -393,6 +393,46 @@ def test_a_world_with_y_up_is_named_and_no_single_camera(n: int, up: str, axes: 
     assert found.id == "world-not-upright"
     assert found.text.endswith(f"(ingest --up {up})")
     assert ids(moved, up, None) == []
+
+
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
+@pytest.mark.parametrize("mirrored", [None, "x", "y", "z"])
+def test_the_advice_of_axes_leads_to_the_right_world(mirrored: str | None, up: str) -> None:
+    """Each advice names the options given so far, too; from any first guess of `--mirror` and `--up`."""
+    middle, axes = np.array([2.5, 3.0, 0.0]), mirror_matrix(mirrored) @ turn_upright(axis_vector(up)).T
+    own = axis_vector(up) if up[-1] != mirrored else -axis_vector(up)
+    handed = 1.0 if mirrored is None else -1.0  # everything is behind the cameras of a left-handed world
+    world = tuple(
+        replace(c, position=axes @ (c.position - middle), rotation=handed * axes @ c.rotation) for c in CAMERAS
+    )
+    for guess in ((None, None), (None, up), ("x", None), ("y", None), ("z", "y")):
+        mirror, vertical = guess
+        for _ in range(4):
+            turn = find_turn(world, vertical, None, lambda _: None, mirror)
+            placed = world if turn is None else tuple(turn.camera(c) for c in world)
+            by = None if turn is None else turn.rotation
+            found = [
+                c for c in world_checks(placed, vertical, ground_stated=False, mirror=mirror, turned_by=by) if c.found
+            ]
+            if not found:
+                break
+            (check,) = found
+            if check.id == "world-mirrored":
+                mirror = None
+            elif check.id == "world-left-handed":
+                mirror = "y"
+            else:
+                assert check.id == "world-not-upright"
+                assert (f"ingest --mirror {mirror} --up " in check.text) == (mirror is not None)
+                vertical = check.text[check.text.index("--up ") + 5 : -1]
+                np.testing.assert_array_equal(read_up(vertical), own)
+        assert not found
+        np.testing.assert_allclose([c.position[2] for c in placed], [c.position[2] for c in CAMERAS], atol=1e-9)
+        seen = (TRUTH - middle) @ axes.T
+        for camera, true in zip(placed, CAMERAS, strict=True):
+            np.testing.assert_allclose(
+                camera.project(seen if turn is None else turn.positions(seen)), true.project(TRUTH), atol=1e-6
+            )
 
 
 def as_stated(camera: Camera, how: str) -> Camera:

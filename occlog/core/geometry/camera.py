@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 
 from .lens import distort, undistort
 
@@ -119,6 +119,43 @@ def points_to_pixels(
     front = np.isfinite(ideal[:, 0])
     out[front] = distort(ideal[front], coefficients, model) * focal_px + principal_px
     return out
+
+
+MIN_SQUARED_DISTANCE = 1e-24
+"""Lower bound of a squared distance, to avoid division by 0."""
+
+
+def second_order_variance(away: Floats, covariance: Floats) -> Floats:
+    """Return (N,) second-order variances [rad^2] of the azimuths of Gaussian positions from an origin.
+
+    A displacement a along and c across a line of sight of length r changes its azimuth by c / r - a c / r^2: it is
+    linear only where r is well above the standard deviation of a, and next to the origin any azimuth is possible
+    (second-order filter, Bar-Shalom, Li and Kirubarajan 2001, Estimation, Sec. 10.3.3).
+
+    Args:
+        away: (N, 2) means, relative to the origin.
+        covariance: (2, 2) or (N, 2, 2) of the positions.
+    """
+    r2 = np.maximum(np.sum(away**2, axis=1), MIN_SQUARED_DISTANCE)
+    e = away / np.sqrt(r2)[:, None]
+    along = np.einsum("...i,...ij,...j->...", e, covariance, e)
+    across = np.trace(covariance, axis1=-2, axis2=-1) - along
+    both = along * across - np.linalg.det(covariance)  # squared covariance of the two
+    return np.asarray(np.maximum(along * across + both, 0.0) / r2**2)
+
+
+TOUCHED_SIGMAS = 3.0
+"""A target touches a sensor that is within so many standard deviations of its position."""
+
+
+def touches(away: Floats, covariance: Floats) -> Bools:
+    """Return (N,) booleans: Gaussian positions are at the origin, within `TOUCHED_SIGMAS`.
+
+    Azimuths of a target there are not Gaussian. `away` (N, 2) are means relative to the origin, `covariance` (2, 2) or
+    (N, 2, 2) those of the positions; their standard deviation is the geometric mean of both axes.
+    """
+    mean_variance = np.sqrt(np.maximum(np.linalg.det(covariance), 0.0))
+    return np.asarray(np.sum(away**2, axis=1) < TOUCHED_SIGMAS**2 * mean_variance)
 
 
 def rays_to_azimuth(rays: Floats) -> Floats:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.geometry.camera import wrap_angle
+from occlog.core.geometry.camera import second_order_variance, wrap_angle
 from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.plane import Floor, on_floor
 
@@ -140,6 +140,24 @@ def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Line
     """Return the measurements of R rows linearised at the position `at` (2,), with the errors and poses of `world`."""
     expected, ahead = measured(at[None], rows, world)
     return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
+
+
+def near_sensor_variance(xy: Floats, covariance: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
+    """Return (R,) second-order variances of measurements of a Gaussian position, [px^2] or [rad^2], as the rows.
+
+    Args:
+        xy: (2,) mean.
+        covariance: (2, 2) of the position.
+        rows: R rows.
+        world: positions, axes and focal lengths of the sensors.
+    """
+    angle = second_order_variance(xy - world.sensors.xy[rows.sensor], covariance)
+    if not rows.pixel.any():
+        return angle
+    h, d = offsets(xy, rows, world)
+    before = rows.pixel & (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
+    px = world.noise.focal_px[rows.sensor] * (1.0 + (h / np.where(before, d, 1.0)) ** 2)
+    return angle * np.where(before, px**2, 1.0)
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:

@@ -649,6 +649,8 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
     upright = is_upright(rotations)
     if not upright and not made.has("ingest", "up"):
         up = other_up_axis(rotations) or "auto"
+        if mirror is not None and up[-1] == mirror:  # the vertical is that of the calibration's own world
+            up = up[1:] if up.startswith("-") else f"-{up}"
         made.guess("ingest", "up", up, "the calibration's world is not upright: turned by the cameras' horizons")
     low = [c.name for c in cameras if abs(float(c.position[2])) <= HEIGHT_SLACK]
     if (not upright or low) and made.value("ingest", "ground_height") is None:

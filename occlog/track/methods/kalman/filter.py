@@ -29,6 +29,7 @@ from occlog.filtering.likelihood.measurement_model import (
     linearise,
     linearised,
     measured,
+    near_sensor_variance,
     residuals,
     rows_of,
 )
@@ -171,12 +172,15 @@ def stepper(
             done = Updated(after, taken.done.score + score, taken.done.fallback)
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
-        def of_mixture(known: Gaussian, near: Linearisation, inside: Bools, by: RowsUpdate) -> KalmanUpdate:
+        def of_mixture(
+            known: Gaussian, rows: LinearisedRows, near: Linearisation, inside: Bools, by: RowsUpdate
+        ) -> KalmanUpdate:
             """Return the state `known` after rows inside the gate, each true or false; labelled rows outside are false.
 
             Args:
                 known: the prediction.
-                near: all rows, linearised.
+                rows: all rows.
+                near: these, linearised.
                 inside: (R,) rows inside the gate.
                 by: updates a Gaussian by rows that are all true.
             """
@@ -195,13 +199,15 @@ def stepper(
             position, kept = initial_position(anywhere, rows, world, config.gate)
             inside = np.zeros(len(rows.sensor), dtype=np.bool_)
             inside[kept] = True
-            taken = of_mixture(anywhere, linearise(position, rows, world), inside, linear)
+            taken = of_mixture(anywhere, rows, linearise(position, rows, world), inside, linear)
             return taken._replace(begun=True)
 
         def by_directions(known: Gaussian) -> KalmanUpdate:
-            near = linearise(known.mean[:2], rows, world)
-            inside = gated_rows(known, rows, near, config.gate)
-            taken = of_mixture(known, near, inside, of_true)
+            xy, P = known.mean[:2], known.covariance[:2, :2]
+            wide = rows._replace(variance=rows.variance + near_sensor_variance(xy, P, rows, world))
+            near = linearise(xy, wide, world)
+            inside = gated_rows(known, wide, near, config.gate)
+            taken = of_mixture(known, wide, near, inside, of_true)
             if not _most_outside_gate(rows, inside):
                 return taken
             # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
