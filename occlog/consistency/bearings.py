@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
@@ -37,7 +37,14 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
-from occlog.core.geometry.camera import noise_variance, planar_offsets, second_order_variance, touches, wrap_angle
+from occlog.core.geometry.camera import (
+    intersection_point,
+    noise_variance,
+    planar_offsets,
+    second_order_variance,
+    touches,
+    wrap_angle,
+)
 from occlog.core.metrics.errors import ratio_or_nan
 from occlog.core.metrics.normalised_squares import BatchMeans, Ratio
 from occlog.records.scene import Camera, MicrophoneArray, Scene
@@ -201,29 +208,30 @@ class AngleConventionCheck:
         """Start with the arrays of a scene and no scans."""
         self._arrays = {a.name: a for a in scene.arrays}
         self._steps: list[_Angles] = []
+        self._parallel: list[_Angles] = []  # time steps of which no two lines of sight cross
         self._near = 0  # time steps of a source at a station
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         """Generate the chunks unchanged, and collect their bearings for the check."""
         for chunk in chunks:
-            if len(self._arrays) > 1 and len(self._steps) < MAX_STEPS:
+            if len(self._arrays) > 1 and max(len(self._steps), len(self._parallel)) < MAX_STEPS:
                 self._check_chunk(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
         """Return the check, with a finding if bearings fit much better if they are read in another way."""
-        if len(self._steps) < MIN_STEPS:
-            return outcome(
-                CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
-            )
-        plain = self._misfit(lambda angles: angles)
-        if self._narrow():
+        every = [*self._steps, *self._parallel]
+        if len(every) >= MIN_STEPS and _narrow(every):
             # Two lines in front of their stations meet in any unit; turns in radians give lines that are parallel
-            several = np.median([len(each.names) for each in self._steps]) > 2
+            plain = _median_misfit(every)
+            several = np.median([len(each.names) for each in every]) > 2
             for unit in _OF_NARROW if several or plain > MAX_MISFIT_RAD2 else ():
-                best, change = min((self._misfit(_OF_ALL[words]), words) for words in unit)
+                best, change = min((_median_misfit(map(_OF_ALL[words], every)), words) for words in unit)
                 if best <= MAX_MISFIT_RAD2:
                     return self._fits(plain, best, change)
+        if len(self._steps) < MIN_STEPS:
+            return outcome(CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings that cross")
+        plain = _median_misfit(self._steps)
         if 2 * self._near > len(self._steps):
             return outcome(CONVENTION, (), unless="sources are at a station")
         if plain <= MIN_MISFIT_RAD2:
@@ -239,17 +247,6 @@ class AngleConventionCheck:
         """Return the finding that bearings fit with misfit `best` after a change, and with `plain` as given [rad^2]."""
         now, then = np.degrees(np.sqrt([plain, best])).tolist()
         return (finding(CONVENTION, id, change=change, misfit_deg=then, given_deg=now, steps=len(self._steps)),)
-
-    def _narrow(self) -> bool:
-        """Return whether all bearings are within `NARROW_RAD` of 0 in the world, or of the arrays' own x axes."""
-        bearing = np.concatenate([each.bearing for each in self._steps])
-        relative = bearing - np.concatenate([each.yaw for each in self._steps])
-        names = np.concatenate([each.names for each in self._steps])
-        for near in map(wrap_angle, (bearing, relative)):
-            spread = max(float(np.ptp(near[names == name])) for name in np.unique(names))
-            if np.abs(near).max() <= NARROW_RAD and spread >= MIN_SPREAD_RAD:
-                return True
-        return False
 
     def _readings(self) -> Iterator[tuple[str, Reading]]:
         """Generate the other readings of the bearings, in words: of all arrays, of two exchanged ones, and of one."""
@@ -300,7 +297,7 @@ class AngleConventionCheck:
 
     def _misfit(self, reading: Reading) -> float:
         """Return the median misfit [rad^2] of the collected time steps, each with its bearings read in another way."""
-        return float(np.median([misfit(each.positions, each.bearing) for each in map(reading, self._steps)]))
+        return _median_misfit(map(reading, self._steps))
 
     def _check_chunk(self, chunk: Bearings) -> None:
         """Collect the bearings of the time steps of a chunk in which several arrays have one of one target.
@@ -314,15 +311,32 @@ class AngleConventionCheck:
         cuts = np.flatnonzero((np.diff(t_ns) != 0) | (np.diff(target) != 0)) + 1
         for rows in np.split(order, cuts):
             names = own.sensor[rows].tolist()
-            if len(names) > 1 and len(set(names)) == len(names) and len(self._steps) < MAX_STEPS:
+            if len(names) > 1 and len(set(names)) == len(names):
                 arrays = [self._arrays[name] for name in names]
                 positions = np.array([each.position[:2] for each in arrays], dtype=np.float64)
                 yaw = np.array([each.yaw for each in arrays])
                 across = np.column_stack([-np.sin(own.bearing[rows]), np.cos(own.bearing[rows])])
-                if np.linalg.eigvalsh(across.T @ across)[0] < MIN_CROSSING**2 * len(names):
-                    continue
-                self._near += len(names) > 2 and not _away_from_all(positions, own.bearing[rows])
-                self._steps.append(_Angles(positions, yaw, own.bearing[rows], names))
+                parallel = np.linalg.eigvalsh(across.T @ across)[0] < MIN_CROSSING**2 * len(names)
+                steps = self._parallel if parallel else self._steps
+                if len(steps) < MAX_STEPS:
+                    self._near += not parallel and len(names) > 2 and not _away_from_all(positions, own.bearing[rows])
+                    steps.append(_Angles(positions, yaw, own.bearing[rows], names))
+
+
+def _narrow(steps: Sequence[_Angles]) -> bool:
+    """Return whether all bearings are within `NARROW_RAD` of 0 in the world, or of the arrays' own x axes."""
+    bearing = np.concatenate([each.bearing for each in steps])
+    relative = bearing - np.concatenate([each.yaw for each in steps])
+    names = np.concatenate([each.names for each in steps])
+    for near in map(wrap_angle, (bearing, relative)):
+        spread = max(float(np.ptp(near[names == name])) for name in np.unique(names))
+        if np.abs(near).max() <= NARROW_RAD and spread >= MIN_SPREAD_RAD:
+            return True
+    return False
+
+
+def _median_misfit(steps: Iterable[_Angles]) -> float:
+    return float(np.median([misfit(each.positions, each.bearing) for each in steps]))
 
 
 def _away_from_all(positions: Floats, bearings: Floats) -> bool:
@@ -344,16 +358,17 @@ def _away_from_all(positions: Floats, bearings: Floats) -> bool:
 
 
 def _intersection(positions: Floats, bearings: Floats) -> Floats:
-    """Return the position (2,) nearest to all lines from `positions` (n, 2) in directions `bearings` (n,) [rad]."""
-    across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
-    normal, right = across.T @ across, across.T @ np.sum(across * positions, axis=1)
-    return np.asarray(np.linalg.pinv(normal) @ right)
+    """Return the position (2,) nearest to all lines from `positions` (n, 2) in directions `bearings` (n,) [rad].
+
+    NaN if the lines are parallel.
+    """
+    return intersection_point(positions, np.column_stack([np.cos(bearings), np.sin(bearings)]))[0]
 
 
 def misfit(positions: Floats, bearings: Floats) -> float:
     """Return the mean square angle [rad^2] between n lines of sight and the position nearest to all of them.
 
-    Each square is clipped at `MAX_LINE_MISFIT_RAD2`.
+    Each square is clipped at `MAX_LINE_MISFIT_RAD2`, which parallel lines have.
 
     Args:
         positions: (n, 2) where the lines begin, n >= 2.
@@ -361,7 +376,7 @@ def misfit(positions: Floats, bearings: Floats) -> float:
     """
     away = _intersection(positions, bearings) - positions
     off = (bearings - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2.0 * np.pi) - np.pi
-    return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
+    return float(np.fmin(off**2, MAX_LINE_MISFIT_RAD2).mean())  # the limit for NaN, too
 
 
 STATED = "stated measurement noise"

@@ -235,20 +235,20 @@ def noise_variance(
 
 
 def intersection_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
-    """Return the point nearest to all optical axes (least squares), and its distance along each axis.
+    """Return the point nearest to all lines of sight (least squares), and its distance along each of them.
 
     Args:
-        centres: (C, 3) camera centres.
-        axes: (C, 3) unit vectors along the optical axes.
+        centres: (C, D) where the lines begin, as camera centres; in the plane or in space.
+        axes: (C, D) unit vectors along the lines, as optical axes.
 
     Returns:
-        (3,) point, and (C,) signed distances along the axes, negative behind the camera; all NaN for parallel axes.
+        (D,) point, and (C,) signed distances along the lines, negative behind the camera; all NaN for parallel lines.
     """
-    # Projectors onto the planes across the axes: the distance of X to axis i is |A_i (X - c_i)|.
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    # Projectors onto the planes across the lines: the distance of X to line i is |A_i (X - c_i)|.
+    across = np.eye(centres.shape[1]) - axes[:, :, None] * axes[:, None, :]
     normal = across.sum(axis=0)
     if np.linalg.cond(normal) > 1e9:
-        return np.full(3, np.nan), np.full(len(centres), np.nan)
+        return np.full(centres.shape[1], np.nan), np.full(len(centres), np.nan)
     point = np.linalg.solve(normal, (across @ centres[:, :, None]).sum(axis=0)[:, 0])
     return point, np.asarray(((point - centres) * axes).sum(axis=1))
 
