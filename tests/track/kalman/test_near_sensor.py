@@ -76,7 +76,7 @@ def test_the_iterated_filter_goes_on_next_to_a_sensor_and_is_honest() -> None:
     assert np.max(squares) < 9.0
 
 
-@pytest.mark.parametrize("method", ["ekf", "ukf", "iekf", "apf"])
+@pytest.mark.parametrize("method", ["ekf", "ukf", "iekf"])
 @pytest.mark.parametrize("distance", [0.005, 0.07])
 def test_a_target_that_stands_at_a_sensor_has_an_honest_covariance(method: str, distance: float) -> None:
     config = configure(settings_of(method).in_unit("m"), {})

@@ -24,13 +24,11 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
 from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
-from occlog.core.geometry.camera import touches
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.errors import InputError
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan, likely_inliers
 from occlog.filtering.likelihood.distances import inlier_probability, residuals
-from occlog.filtering.likelihood.measurement_model import MeasurementWorld, near_sensor_variance, rows_of
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import WaypointParticles
 from occlog.filtering.particles import effective_sample_size, mean_and_covariance
@@ -51,10 +49,6 @@ from .proposal import (
     select_initial_particles,
 )
 from .smoother import Trace, record_particles, smooth
-
-NEAR_SENSOR_FACTOR = 4.0
-"""Factor of the covariance of particles for the variance of bearings next to a sensor: they are too near one another,
-as few of them have the measured azimuth."""
 
 
 class ApfState(NamedTuple):
@@ -110,8 +104,6 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     if scan.occluders is not None:
         model = _with_occluder_priors(model, scan.occluders, state)
         state = state._replace(model=model)
-    if state.t_ns is not None:
-        packed = _widened_near(model, packed, state)
     # Propose, weigh, resample ([Ercan] Alg. 1); a filter that most reports have contradicted for some scans is lost
     (draw, trace), loss_count = advance(
         elapsed(state.t_ns, scan.t_ns),
@@ -127,22 +119,6 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     if calibration is not None:
         calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibration_s)
     return ApfState(base, draw.particles, draw.weights, scan.t_ns, loss_count, calibration, trace), estimate
-
-
-def _widened_near(model: ApfModel, packed: PackedScan, state: ApfState) -> PackedScan:
-    """Return the scan with larger variances of bearings of sensors that the target touches, within its covariance.
-
-    Next to a sensor few particles have the measured azimuth, and those few are not where the target is. Nothing is
-    changed where that holds for all sensors, as for particles over the whole floor.
-    """
-    mean, covariance = mean_and_covariance(state.weights, state.particles.xy)
-    wide = float(np.linalg.eigvalsh(covariance)[1]) * np.eye(2)
-    touched = touches(model.sensors.xy[packed.sensor] - mean, wide)
-    if touched.all() or not touched.any():
-        return packed
-    world = MeasurementWorld(model.sensors, model.noise, model.floor)
-    more = near_sensor_variance(mean, NEAR_SENSOR_FACTOR * wide, rows_of(packed), world)
-    return packed._replace(variance=packed.variance + np.where(np.repeat(touched, np.diff(packed.first)), more, 0.0))
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
