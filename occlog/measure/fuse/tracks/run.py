@@ -24,7 +24,7 @@ from .stage import FusedGroupTracks, GroupConsistency, fuse_tracks
 FOUND, AGREE = "number of people", "camera group agreement"
 """Names of checks."""
 MAX_SEPARATION_RATIO = 2.0
-"""Groups with positions that differ by more than this many times the expected error, on average, are stated to."""
+"""Ratio of mean difference to expected error from which the positions of a group are reported to differ."""
 
 
 def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

@@ -38,8 +38,8 @@ START = 1e-3
 
 
 FORGET_EXTENTS = 1000.0
-"""Where the motion alone spreads positions by so many times the extent of the position, what was before says
-nothing."""
+"""Earlier measurements are dropped after a pause in which process noise alone spreads positions by this many times the
+extent of the sensors."""
 LONGEST_S = 1e9
 """Maximum pause that is considered."""
 
