@@ -144,9 +144,9 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
         moved += _initiate_tracks(world, array, heard.take(free), {m.track.number for m in moved}, rng)
     # Deaths: end tracks that hardly exist, or were neither heard nor seen for long
     moved = [m._replace(track=_with_hit(m, t_ns)) for m in moved]
-    moved = [m for m in moved if _existing_tracks(m.track, t_ns, world.config)]
+    moved = [m for m in moved if _is_kept(m.track, t_ns, world.config)]
     # Confirm tracks that were heard often enough
-    moved, least = _numbered(moved, state.free, world.config)
+    moved, least = _confirmed(moved, state.free, world.config)
     # Resample: systematic, a model drawn for each row
     drawn = [resampled(m, world.config.particles, dt, rng) for m in moved]
     # Estimate: mean and covariance over particles and models
@@ -425,12 +425,12 @@ def _with_hit(m: Moved, t_ns: int) -> Track:
     return m.track._replace(hits=m.track.hits + (not m.initiated), met_ns=t_ns)
 
 
-def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
+def _is_kept(track: Track, t_ns: int, config: ImmConfig) -> bool:
     """Return whether a track goes on: it exists with sufficient probability, and was heard or seen recently enough."""
     return track.exists >= config.deletion_threshold and t_ns - track.met_ns <= config.max_coasting_s * NS
 
 
-def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
+def _confirmed(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
     """Return the tracks, confirmed ones first by number, and the lowest number that no track has had.
 
     Tentative tracks that meet the thresholds of confirmation get numbers from `free` on.

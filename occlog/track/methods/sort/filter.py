@@ -43,7 +43,7 @@ SIGMA_SIZE_RATE = 0.05
 """Standard deviation of the rates of both at the begin of a track [1/s]."""
 TAIL = 20.0
 """Degrees of freedom of the t distribution of innovations, heavier in its tails than the normal one."""
-GATE = 25.0
+GATE_CHI2 = 25.0
 """Largest squared Mahalanobis distance of a box and a track (four degrees of freedom)."""
 STOPPED = 0.1
 """Probability that a person without a box has left the predicted path since the last box."""
@@ -53,7 +53,7 @@ MAX_BIRTH_OVERLAP = 0.7
 """A box that overlaps a track by more (intersection over union) begins none: it is the same person twice."""
 MIN_BOXES = 2
 """Boxes that confirm a track, at least."""
-MIN_TENTATIVE, MIN_CONFIRMED = 0.02, 1e-3
+TERMINATION_TENTATIVE, TERMINATION_CONFIRMED = 0.02, 1e-3
 """Existence probabilities below which a track ends."""
 MIN_INSIDE = 0.3
 """Share of a box in the image below which the person has left, without a detection."""
@@ -268,7 +268,7 @@ class SortFilter:
         coasts = missed[:, None]
         here, there = ahead + np.log(1.0 - STOPPED), last + np.log(STOPPED)
         ratio = np.where(coasts, np.logaddexp(here, there), ahead)
-        near = np.where(coasts, np.minimum(distance, away), distance) < GATE
+        near = np.where(coasts, np.minimum(distance, away), distance) < GATE_CHI2
         area = self.size[0] * self.size[1]
         ratio += (np.log(detection) - np.log1p(-detection))[:, None] + self.learned.log_score_ratio(score, area)[
             None, :
@@ -435,7 +435,7 @@ class SortFilter:
         `detected` (N,): the track has a box in this frame.
         """
         at = self.targets
-        least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
+        least = np.where(at.id >= 0, TERMINATION_CONFIRMED, TERMINATION_TENTATIVE)
         left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE
         over = (at.existence < least) | (at.coasting_s > self.config.max_coasting_s) | (left & ~detected)
         ended = np.flatnonzero(over & (at.id >= 0))
