@@ -76,7 +76,7 @@ def test_tracks_go_on_down_to_the_threshold_and_up_to_the_longest_coasting():
     config = replace(CONFIG, deletion_threshold=0.1, max_coasting_s=2.0)
     for exists, seconds, goes_on in ((0.1, 2.0, True), (np.nextafter(0.1, 0.0), 2.0, False), (0.1, 2.001, False)):
         one = track(exists=exists, met_ns=3 * NS)
-        assert method._existing_tracks(one, 3 * NS + round(seconds * NS), config) == goes_on
+        assert method._is_kept(one, 3 * NS + round(seconds * NS), config) == goes_on
 
 
 def test_a_tentative_track_is_confirmed_by_its_existence_and_hits():
@@ -88,7 +88,7 @@ def test_a_tentative_track_is_confirmed_by_its_existence_and_hits():
         track(number=TENTATIVE, exists=1.0, hits=2),
         track(number=TENTATIVE, exists=1.0, hits=4),
     ]
-    out, free = method._numbered([moved(0.0)._replace(track=t) for t in given], 5, config)
+    out, free = method._confirmed([moved(0.0)._replace(track=t) for t in given], 5, config)
     assert [m.track.number for m in out] == [5, 7, 8, TENTATIVE, TENTATIVE]
     assert [m.track.hits for m in out] == [3, 5, 4, 9, 2]
     assert free == 9
