@@ -240,7 +240,7 @@ def _boxes_unit(folder: Path, seed: int, faulty: bool) -> tuple[list[Said], Answ
     return said, Answer(UNIT, (name,), UNITS[unit], similar=UNITS[unit] / made.fps)
 
 
-def _matroska(path: Path, times_ms: Sequence[int]) -> Path:
+def _matroska(path: Path, times_ms: Sequence[int], brightness: int = 120) -> Path:
     """A video of small pictures (Motion JPEG) with these times [ms]."""
 
     def element(name: int, content: bytes) -> bytes:
@@ -254,7 +254,7 @@ def _matroska(path: Path, times_ms: Sequence[int]) -> Path:
     track = number(0xD7, 1) + number(0x73C5, 1) + number(0x83, 1) + element(0x86, b"V_MJPEG") + size
     parts = [element(0x1549A966, number(0x2AD7B1, 1_000_000)), element(0x1654AE6B, element(0xAE, track))]
     for k, time in enumerate(times_ms):
-        image = np.full((48, 64, 3), 120, np.uint8)
+        image = np.full((48, 64, 3), brightness, np.uint8)
         image[:, : 8 + 2 * (k % 24)] = 30 + 3 * (k % 60)
         picture = cv2.imencode(".jpg", image)[1].tobytes()
         block = element(0xA3, b"\x81" + struct.pack(">hB", 0, 0x80) + picture)
@@ -280,9 +280,8 @@ def _videos(fault: Fault | None, *, container: bool = False) -> Callable[[Path, 
             answer = Answer(UNIT, (name,), UNITS[unit], similar=UNITS[unit] / rate_hz)
         stamps = {}
         for c, own in times.items():
-            _matroska(
-                folder / f"{c}.mkv", (1e3 * (own - own[0] if container else np.arange(len(own)) / rate_hz)).astype(int)
-            )
+            shown = (1e3 * (own - own[0] if container else np.arange(len(own)) / rate_hz)).astype(int)
+            _matroska(folder / f"{c}.mkv", shown, 120 + 20 * CAMERAS.index(c))
             since = own - EPOCH_S + 1.0 if fault is None else own
             factor = UNITS[unit] if fault is None and faulty and c == name else 1.0
             stamps[c] = folder / f"{c}.times.csv"

@@ -96,6 +96,8 @@ def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -
     return np.where(np.isfinite(away), away, np.inf)
 
 
+MAX_EXTENTS = 100.0
+"""A truth that lasts this many times as long as the boxes may have times in another unit."""
 MIN_REPORTED_S = 1.0
 """True positions that begin so long before the first frame, or end so long after the last one, are reported."""
 
@@ -208,9 +210,12 @@ def within_frames(
     elif max(early, late) > MIN_REPORTED_S:
         ends = [f"begin {early:.3g} s before the first"] if early > MIN_REPORTED_S else []
         ends += [f"go on {late:.3g} s after the last"] if late > MIN_REPORTED_S else []
+        cause = ""
+        if span is not None and late > MAX_EXTENTS * max(span[1] - span[0], NS) / NS:
+            cause = "; if its times are in ms, name their column t_ms"
         note(
             f"truth: true positions {' and '.join(ends)} frame with boxes; people at these times count as missed: "
-            f"limit both by {option('frames')}, or cut the truth"
+            f"limit both by {option('frames')}, or cut the truth{cause}"
         )
 
 

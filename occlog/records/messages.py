@@ -703,6 +703,11 @@ VERDICT: dict[str, Message] = {
         "state the unit of the calibration ({option[calibration_unit]}), or, if all have one pose, calibrate "
         "extrinsics",
     ),
+    "camera-unit-differs": Message(
+        W,
+        "camera {sensors} is {away:.3g} m from the others, which are {span:.3g} m apart: its translation may be in mm",
+        "write one unit for all cameras (divide it by 1000)",
+    ),
     "cameras-same-pose": Message(
         W,
         "cameras {sensors} have exactly the same pose",

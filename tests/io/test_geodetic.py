@@ -105,6 +105,17 @@ def test_files_with_latitudes_are_truth_and_tracks(
     assert run(["info", path, "--origin", STATED]) == ExitCode.DONE
 
 
+def test_latitude_and_longitude_that_are_exchanged_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    latitude, longitude = STATED.split(",")[:2]
+    (tmp_path / "t.csv").write_text(f"time,id,lat,lon\n0,1,{longitude},{latitude}\n1,1,{longitude},{latitude}\n")
+    assert run(["evaluate", str(tmp_path / "t.csv"), "--truth", str(tmp_path / "t.csv"), "--origin", STATED]) == (
+        ExitCode.BAD_INPUT
+    )
+    assert "exchange latitude and longitude" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["truth.csv", "truth.gpx"])
 def test_without_an_origin_the_first_position_is_suggested(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
@@ -119,7 +130,7 @@ def test_without_an_origin_the_first_position_is_suggested(
     assert run([*ask, "--origin", suggested, "-q"]) == ExitCode.DONE  # the hint is a command that works
     capsys.readouterr()
     assert run([*ask, "--origin", "13.3777,52.5163"]) == ExitCode.BAD_INPUT
-    assert "km from the origin 13.3777,52.5163; correct the origin" in capsys.readouterr().err
+    assert "km from the origin 13.3777,52.5163; exchange latitude and longitude" in capsys.readouterr().err
     assert run([*ask, "--origin", "52.5163"]) == ExitCode.USAGE
     assert "'52.5163' is not LAT,LON[,DEG[,HEIGHT]]" in capsys.readouterr().err
     tracks = str(tmp_path / "tracks.csv")

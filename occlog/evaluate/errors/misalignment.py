@@ -246,7 +246,8 @@ class Alternative(NamedTuple):
         for unit, size in self.units.items():
             for name, scale in (("tracks", self.factor), ("a truth", 1.0 / self.factor)):
                 if abs(scale / size - 1.0) < 1e-6 and unit in (*METRES, *TIMES):
-                    return f"for {name} in {unit}: {option('input_units')} FILE:{unit}"
+                    column = f"{'x' if unit in METRES else 't'}_{unit}"
+                    return f"for {name} in {unit}: write {column}, or {option('input_units')} FILE:{unit}"
                 if abs(scale / size - 1.0) < 1e-6:
                     return f"for {name} in {unit}: multiply the times by {size:g}"
         return "convert the file that is not in the unit of the scene"

@@ -130,15 +130,15 @@ class ExternalTable:
         layout = self.layout_of(table)
         check_fits(self.source, layout)
         frames = _FrameCount()
-        zeros = _Zeros()
+        odd = _OddPositions()
         for part in self._in_order(layout):
             made = _as_table(self.source, table, _filled(part, table, frames), part["_row"])
             if has_all_columns(table):
                 _check_copies(self.source, made, part["_row"])
             if isinstance(made, Tracks | Truth):
-                zeros.add(np.hypot(made.x, made.y), part["_row"].astype(np.int64))
+                odd.add(np.hypot(made.x, made.y), part["_row"].astype(np.int64))
             yield made
-        zeros.warn(self.source.path)
+        odd.warn(self.source.path)
 
     def _in_order(self, layout: TableLayout) -> Iterator[Values]:
         """Yield the column values (by table column) sorted by time, in parts that do not split a time.
@@ -419,15 +419,22 @@ MIN_ZEROS, MAX_ZERO_SHARE, ZERO_GAP = 3, 0.5, 0.05
 all others from there, over the largest one: a target that is there is also nearby."""
 
 
+MIN_FAR_RATIO, MAX_FAR_SHARE = 20.0, 0.01
+"""Positions that are this many times as far from (0, 0) as all others are reported, up to this share of them."""
+
+
 @dataclass
-class _Zeros:
-    """Count of positions that are exactly (0, 0), as programs write it for missing ones.
+class _OddPositions:
+    """Positions at exactly (0, 0), as programs write it for missing ones, and those far from all others.
 
     Attributes:
         count: number of positions.
         zeros: number of those at (0, 0).
         first: row of the first of these.
         near, far: least and largest distance of the others from (0, 0).
+        outliers: number of those far away.
+        outlier: row of the first of these.
+        ratio: distance of the nearest of these over that of the farthest other one.
     """
 
     count: int = 0
@@ -435,6 +442,9 @@ class _Zeros:
     first: int = -1
     near: float = math.inf
     far: float = 0.0
+    outliers: int = 0
+    outlier: int = -1
+    ratio: float = math.inf
 
     def add(self, away: Floats, rows: Ints) -> None:
         """Add positions at the distances `away` (n,) from (0, 0), of the rows (n,) of the file."""
@@ -446,6 +456,13 @@ class _Zeros:
         others = away[~zero & np.isfinite(away)]
         self.near = min(self.near, float(others.min(initial=math.inf)))
         self.far = max(self.far, float(others.max(initial=0.0)))
+        ends = np.sort(others)[-1 - int(MAX_FAR_SHARE * len(others) + 1.0) :]
+        gaps = ends[1:] / np.maximum(ends[:-1], 1e-3)
+        if len(others) >= 1.0 / MAX_FAR_SHARE and gaps.max(initial=0.0) >= MIN_FAR_RATIO:
+            least = ends[1:][int(np.argmax(gaps))]
+            found = np.flatnonzero(away >= least)
+            self.outlier = int(rows[found].min()) if self.outlier < 0 else self.outlier
+            self.outliers, self.ratio = self.outliers + len(found), min(self.ratio, float(gaps.max()))
 
     def warn(self, path: Path) -> None:
         """Warn of positions in the file `path` that seem to be missing ones."""
@@ -453,6 +470,11 @@ class _Zeros:
             note_once(
                 f"warning: {path}: {self.zeros} of {self.count} positions are exactly (0, 0), the first in row "
                 f"{self.first} (from 0): if they are missing, remove these rows"
+            )
+        if self.outliers:
+            note_once(
+                f"warning: {path}: {self.outliers} of {self.count} positions are {self.ratio:.3g} times as far from "
+                f"(0, 0) as all others, the first in row {self.outlier} (from 0): correct or remove them"
             )
 
 

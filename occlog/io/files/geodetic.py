@@ -25,6 +25,8 @@ FARTHEST = 85.0
 """Latitude [deg] beyond which an origin is refused."""
 MAX_DISTANCE_M = 100_000.0
 """Positions farther from the origin are refused: latitude and longitude are exchanged, or it is of another scene."""
+MAX_EXCHANGED_DEG = 2.0
+"""Latitude and longitude are named as exchanged if the position is this near to the origin then."""
 MAX_HEIGHT_M = 100_000.0
 LATITUDES = ("lat", "latitude", "lat_deg", "latitude_deg")
 LONGITUDES = ("lon", "lng", "long", "longitude", "lon_deg", "longitude_deg")
@@ -158,9 +160,15 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
     if (distance > MAX_DISTANCE_M).any():
         bad = int(np.argmax(distance > MAX_DISTANCE_M))
         longitude, latitude = degrees[bad].tolist()
+        exchanged = abs(longitude - origin.latitude) + abs(latitude - origin.longitude) < MAX_EXCHANGED_DEG
+        remedy = (
+            f"exchange latitude and longitude, in the file or in {option('origin')}"
+            if exchanged
+            else "correct the origin, or leave out rows without a fix (0,0)"
+        )
         raise InputError(
             f"{where}: {latitude:g},{longitude:g} is more than {MAX_DISTANCE_M / 1000:g} km from the origin "
-            f"{origin.latitude:g},{origin.longitude:g}; correct the origin, or leave out rows without a fix (0,0)"
+            f"{origin.latitude:g},{origin.longitude:g}; {remedy}"
         )
     return found
 

@@ -255,9 +255,13 @@ class ChannelLags:
         if len(right) == count:
             return {}
         spread = 2.0 * float(np.ptp(microphones, axis=0).max()) * rate + 2.0 * SLACK_SAMPLES
+        # The plane wave of the others, of which the part between their microphones and its own is no delay
+        first, second = np.array([*combinations(right, 2)], dtype=int).reshape(-1, 2).T
+        travel = rate * (microphones[first] - microphones[second])
+        wave = np.linalg.lstsq(travel, lags[first, second], rcond=1e-6)[0]
         out: dict[int, int] = {}
         for channel in sorted(set(range(count)) - set(right)):
-            own = lags[right, channel]
+            own = lags[right, channel] - rate * (microphones[right] - microphones[channel]) @ wave
             if known[right, channel].all() and np.ptp(own) <= spread:
                 out[channel] = round(float(np.median(own)))
         return out

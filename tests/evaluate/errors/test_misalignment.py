@@ -317,10 +317,26 @@ def test_a_truth_of_frames_numbered_two_lower_is_a_delay(
     [
         (lambda p: p._replace(t=p.t / 60.0), "time-unit-differs", "for tracks in minutes: multiply the times by 60"),
         (lambda p: p._replace(t=p.t / 3600.0), "time-unit-differs", "for tracks in hours: multiply the times by 3600"),
-        (lambda p: p._replace(t=p.t * 1000.0), "time-unit-differs", "for tracks in ms: input_units FILE:ms"),
-        (lambda p: p._replace(xy=p.xy / 0.3048), "length-unit-differs", "for tracks in ft: input_units FILE:ft"),
-        (lambda p: p._replace(xy=p.xy / 0.0254), "length-unit-differs", "for tracks in in: input_units FILE:in"),
-        (lambda p: p._replace(xy=p.xy * 0.001), "length-unit-differs", "for a truth in mm: input_units FILE:mm"),
+        (
+            lambda p: p._replace(t=p.t * 1000.0),
+            "time-unit-differs",
+            "for tracks in ms: write t_ms, or input_units FILE:ms",
+        ),
+        (
+            lambda p: p._replace(xy=p.xy / 0.3048),
+            "length-unit-differs",
+            "for tracks in ft: write x_ft, or input_units FILE:ft",
+        ),
+        (
+            lambda p: p._replace(xy=p.xy / 0.0254),
+            "length-unit-differs",
+            "for tracks in in: write x_in, or input_units FILE:in",
+        ),
+        (
+            lambda p: p._replace(xy=p.xy * 0.001),
+            "length-unit-differs",
+            "for a truth in mm: write x_mm, or input_units FILE:mm",
+        ),
     ],
 )
 def test_the_remedy_for_another_unit_is_how_to_state_it(change: Any, id: str, remedy: str) -> None:

@@ -362,6 +362,16 @@ def test_ticks_of_100_ns_are_no_nanoseconds(tmp_path: Path, epoch: int, program:
         open_input(path).read(Truth)
 
 
+@pytest.mark.parametrize(("x", "reported"), [(17437, True), (45, False)])
+def test_a_position_without_its_decimal_point_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], x: float, reported: bool
+) -> None:
+    rows = [f"{t},1,{x if t == 75 else 10 + 0.05 * t},2.5" for t in range(200)]
+    opened = open_input(text(tmp_path / "t.csv", "time,id,x,y", *rows))
+    assert len(opened.read(Truth)) == 200
+    assert ("1 of 200 positions are" in capsys.readouterr().err) == reported
+
+
 @pytest.mark.parametrize(("lost", "reported"), [("0,0", True), ("0.01,0", False)])
 def test_missing_positions_that_are_written_as_zero_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], lost: str, reported: bool

@@ -74,7 +74,7 @@ def test_late_microphones_are_named_with_their_samples() -> None:
     assert lags_of(one_source({})) == {}
     (late,) = lags_of(one_source({2: 256})).items()
     assert late[0] == 3
-    assert abs(late[1] - 256) <= 1
+    assert abs(late[1] - 256) <= 2  # the sound of these channels is no plane wave
     both = lags_of(one_source({2: 300, 3: 300}))
     assert both.keys() == {3, 4}
     (early,) = lags_of(one_source({1: -100})).items()
@@ -142,7 +142,7 @@ def test_exchanged_microphones_are_named_though_reflections_disturb_the_delays()
 RING = 0.05 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(6) * np.pi / 3.0]) / 343.0
 
 
-@pytest.mark.parametrize("late", [8, -8, 11])
+@pytest.mark.parametrize("late", [8, -8, 11, 40])
 def test_a_microphone_late_by_few_samples_is_named(late: int) -> None:
     """So few are within what the distances to some of the others permit."""
     samples = wave(20.0, 2, positions=RING)
@@ -152,7 +152,7 @@ def test_a_microphone_late_by_few_samples_is_named(late: int) -> None:
     lags = found.late() or {n + 1: lag for n, lag in (found.misfit.late if found.misfit else {}).items()}
     assert ids_of(found) == ["microphone-late"]
     assert lags.keys() == {5}
-    assert abs(lags[5] - late) <= 3
+    assert abs(lags[5] - late) <= 1
 
 
 def test_a_late_microphone_of_a_square_is_one_of_those_that_explain_it() -> None:

@@ -176,7 +176,10 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
         missing.append("right and bottom (or width and height)")
     if missing:
-        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it", id="missing-column")
+        remedy = "add it"
+        if missing == ["frame"] and any(rows.has(name) for name in TIME_COLUMNS):
+            remedy += ", or rename the column of times if it holds numbers of frames"
+        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; {remedy}", id="missing-column")
     if camera is None and not rows.has("camera"):
         raise InputError(
             f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}",

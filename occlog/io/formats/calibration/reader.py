@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import guarded
 from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
@@ -154,8 +155,28 @@ def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
     centres = np.array([c.position for c in cameras])
     with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
-    if len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
+        single = _in_another_unit(centres) if span > FAR_M and len(cameras) > 2 else None
+    if single is not None:
+        camera, away, others = single
+        yield finding(CALIBRATION, "camera-unit-differs", sensors=[cameras[camera].name], span=others, away=away)
+    elif len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
         yield finding(CALIBRATION, "camera-distances-implausible", span=span, least=NEAR_M, most=FAR_M)
+
+
+def _in_another_unit(centres: Floats) -> tuple[int, float, float] | None:
+    """Camera that is implausibly far from all others, which are not far from each other.
+
+    Args:
+        centres: (C, 3) positions of cameras [m], C >= 3.
+
+    Returns:
+        Its index, its distance from the mean of the others and their extent [m]; None: there is no such camera.
+    """
+    camera = int(np.argmax(np.linalg.norm(centres - np.median(centres, axis=0), axis=1)))
+    others = np.delete(centres, camera, axis=0)
+    span = float(np.linalg.norm(np.ptp(others, axis=0)))
+    away = float(np.linalg.norm(centres[camera] - others.mean(axis=0)))
+    return (camera, away, span) if NEAR_M < span <= FAR_M else None
 
 
 def _lenses(cameras: Sequence[Camera]) -> Iterator[Check]:

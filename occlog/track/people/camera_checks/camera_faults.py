@@ -63,6 +63,8 @@ LOW_SHARE, LOW = 0.8, 0.6
 below this value; sound cameras have 0.6 to 0.85."""
 MIN_FIT, MIN_MORE = 0.3, 0.2
 """Least agreement with a mistake mended, and how much more that is than without: shares beyond those by chance."""
+MIN_RATE_FIT = 0.5
+"""Least agreement with another frame rate of a camera."""
 MIN_PAIRED = 0.45
 """Least agreement of cameras that are compared by pairs of boxes: in dense crowds many boxes fit another person."""
 SIMPLER = 0.01
@@ -130,10 +132,14 @@ class DetectionGap(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """A candidate correction: its description `words`, and the corrected cameras with boxes, by camera index."""
+    """A candidate correction: its description `words`, and the corrected cameras with boxes, by camera index.
+
+    `least` is the least agreement with it: a correction that many values are tried of agrees more often by chance.
+    """
 
     words: str
     views: Mapping[int, BoxesOfCamera]
+    least: float = MIN_FIT
 
 
 class CameraFaults:
@@ -520,7 +526,12 @@ class _Search:
                 before[own] = self._overlap({c: self.views[c] for c in own}, trusted)
             now, after = before[own], self._overlap(change.views, trusted)
             gained = not len(now.met) or after.excess - now.excess >= MIN_MORE or clearly_larger(after, now)
-            if len(after.met) >= MIN_EXPECTED and gained and after.excess >= MIN_FIT and after.mean > mean + SIMPLER:
+            if (
+                len(after.met) >= MIN_EXPECTED
+                and gained
+                and after.excess >= change.least
+                and after.mean > mean + SIMPLER
+            ):
                 share = now.share if len(now.met) else 0.0
                 best, mean = FittingChange(own, change.words, after.share, share), after.mean
         return best
@@ -584,7 +595,7 @@ class _Search:
             there = np.abs(times[nearest] - when) <= tolerance
             moved = BoxesOfCamera(own.camera, own.boxes[there], nearest[there])
             rate = f"{own.camera.name}={NS / (interval * ratio):.4g}"
-            yield _Change(f"{own.camera.name} has another frame rate (ingest --fps {rate})", {c: moved})
+            yield _Change(f"{own.camera.name} has another frame rate (ingest --fps {rate})", {c: moved}, MIN_RATE_FIT)
 
     def _late(self, c: int) -> Iterator[_Change]:
         """Generate corrections of the clock of camera `c`: its boxes at earlier or later time steps.

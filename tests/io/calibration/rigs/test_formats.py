@@ -398,6 +398,17 @@ def test_what_cannot_be_is_refused_by_name(tmp_path: Path, make: Callable[[Path]
         read_calibration([make(tmp_path)], options=CalibrationOptions(image_size=SIZE))
 
 
+def test_one_camera_in_millimetres_is_named(tmp_path: Path) -> None:
+    views = rig()
+    for n, view in enumerate(views):
+        changed = view._replace(translation=view.translation * 1000) if n == 1 else view
+        np.savez(tmp_path / f"{view.name}.npz", P=projection(changed))
+    found = read_calibration([tmp_path], options=CalibrationOptions(image_size=SIZE))
+    assert [(check.id, check.sensors) for check in found.checks if check.found] == [
+        ("camera-unit-differs", (views[1].name,))
+    ]
+
+
 def test_cameras_that_are_kilometres_apart_are_doubted(tmp_path: Path) -> None:
     views = [v._replace(translation=v.translation * 1000) for v in rig()]
     for view in views:
