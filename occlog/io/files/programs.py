@@ -80,7 +80,9 @@ PROGRAMS = (
     _program("JSON with matrices as lists", CAMERAS, rb'"(?:mtx|camera_matrix|K)"\s*:\s*\[\s*\[', begin=_JSON),
     _program("YAML with matrices as lists", CAMERAS, rb"(?:\A|\n)(?:mtx|camera_matrix|K):\s*(?:\[\s*\[|- - )"),
     _program(
-        "a pickle of Python", "write .npz: np.savez(FILE, K=..., R=..., t=..., dist=...)", begin=rb"\x80[\x02-\x05]"
+        "a pickle of Python",
+        "write its rows as Parquet or CSV, matrices as .npz: np.savez(FILE, K=..., R=...)",
+        begin=rb"\x80[\x02-\x05]",
     ),
     _program("a lens model of OCamCalib", CAMERAS, begin=rb"#polynomial coefficients for the DIRECT"),
     _program("intrinsics of RealSense, without a pose", CAMERAS, rb'"ppx"', rb'"ppy"', begin=_JSON),

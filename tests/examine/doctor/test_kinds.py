@@ -70,7 +70,7 @@ def test_bags_with_stamps_of_a_clock_that_drifts_or_is_set(
 ODAS_HOPS = [4 * k for k in range(40)]
 
 
-@pytest.mark.parametrize(("hops", "kinds"), [(ODAS_HOPS, []), ([*ODAS_HOPS, *ODAS_HOPS], ["order"])])
+@pytest.mark.parametrize(("hops", "kinds"), [(ODAS_HOPS, []), ([*ODAS_HOPS, *ODAS_HOPS], ["unreadable"])])
 def test_logs_of_directions_are_known_and_counts_that_begin_again_are_found(
     tmp_path: Path, hops: list[int], kinds: list[str]
 ) -> None:
@@ -79,7 +79,7 @@ def test_logs_of_directions_are_known_and_counts_that_begin_again_are_found(
     path.write_text("\n".join(f'{{"timeStamp": {hop}, "src": [{source}]}}' for hop in hops))
     found = found_in(path)
     assert [each.kind for each in found] == kinds
-    assert all("0 s after 156 s" in each.value for each in found)
+    assert all("goes back by 156 s; it starts again there" in each.value for each in found)
     table = tmp_path / "array.csv"
     table.write_text("time,azimuth_deg\n" + "".join(f"{0.1 * k:.1f},{k}\n" for k in range(20)))
     assert found_in(table) == []
