@@ -239,7 +239,7 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
         (["--method", "virtual", "--set", "reader_range=-2"], ExitCode.USAGE, "--set reader_range=-2: must be above 0"),
         (["--method", "virtual", "--set", "reader_range=4", "--window", "0"], ExitCode.USAGE, "give one above 0 s"),
         (["--method", "rssi", "--cameras", "r44"], ExitCode.USAGE, "no reader 'r44'"),
-        (["--method", "rssi", "--target", "5"], ExitCode.BAD_INPUT, "no reads of the chosen tags"),
+        (["--method", "rssi", "--target", "5"], ExitCode.BAD_INPUT, "no RFID reads of the chosen tags"),
         (
             ["--method", "virtual", "--set", "reader_range=4", "--set", "min_rssi_dbm=20"],
             ExitCode.BAD_INPUT,
