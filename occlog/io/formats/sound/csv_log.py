@@ -111,7 +111,7 @@ FORMAT = TextFormat(
     times=True,
 )
 MIN_ROWS = 20
-"""Number of directions from which their range tells their unit."""
+"""Number of directions from which their unit is judged by their range."""
 AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimuth") for name in names}
 """Names of columns that a log is known by."""
 
