@@ -61,7 +61,7 @@ KINDS = {
     "header twice": Kind("boxes", "c.csv", BOXES * 2, "line 2: a second header line"),
     "open quote": Kind("boxes", "c.csv", BOXES + '0,"1,2,3,4\n', "line 2: 2 cells"),
     "nul": Kind("boxes", "c.csv", BOXES + "0,1,2\0,3,4\n", "line 2: not text"),
-    "inf": Kind("boxes", "c.csv", BOXES + "0,inf,2,3,4\n", "a finite number"),
+    "inf": Kind("boxes", "c.csv", BOXES + "0,inf,2,3,4\n", "line 2: box that reaches to inf px"),
     "negative frame": Kind("boxes", "c.csv", BOXES + "-1,1,2,3,4\n", "frame -1 is before the first one, 0"),
     "half a frame": Kind("boxes", "c.csv", BOXES + "1.5,1,2,3,4\n", "a whole number"),
     "negative width": Kind("boxes", "c.csv", BOXES + "0,1,2,-3,4\n", "both must be above 0"),
