@@ -171,7 +171,7 @@ def check_results(of: Any) -> None:
 
 
 def check_read_only(of: Any) -> None:
-    """Check that a detector accepts an image whose array is read-only."""
+    """Check that a detector accepts an image in a read-only array."""
     given = image(0)
     given.flags.writeable = False
     film(of, [given], "an image that is read only: detect")

@@ -101,7 +101,7 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
-    """Return the (2, 2) covariance of an estimate whose distance from a single sensor is unknown.
+    """Return the (2, 2) covariance of an estimate at unknown distance from a single sensor.
 
     Along the line of sight it is the second moment, about the estimate, of a uniform prior from the sensor to its
     maximum range: the bearings of one sensor hardly determine the distance, and a small filter covariance there results
@@ -222,7 +222,7 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """Return tracks and covariances (N, 2, 2), widened in the rows whose distance from a single sensor is unknown.
+        """Return tracks and covariances (N, 2, 2), widened in rows at unknown distance from a single sensor.
 
         Nothing is changed in a scene with a room, as its walls limit the distance.
 

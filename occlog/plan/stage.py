@@ -88,7 +88,7 @@ def prepare(
         config: settings of the walking people and the filter.
         seed: seed of all random numbers.
         also: sensors that may be added; the time step suits their rates, too.
-        paths: (P, 2) positions by whose density the floor is weighted; None: evenly.
+        paths: (P, 2) positions; the floor is weighted by their density; None: evenly.
 
     Raises:
         InputError: the scene has no room, or no sensor with a pose; people do not fit; the problem is too large; or all
@@ -290,7 +290,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
 
     Args:
         scene: scene with a room.
-        like: camera whose height, pitch, lens, noise and rate are copied.
+        like: camera of which height, pitch, lens, noise and rate are copied.
         spacing: largest distance between two positions on a wall [length]; corners are positions.
     """
     assert scene.room is not None

@@ -222,7 +222,7 @@ def _check_in_images(paths: PageRequest) -> None:
     for name in others:
         if getattr(paths, name) is not None:
             raise UsageError(
-                f"{option(name)}: {paths.tracks} has tracks in images, whose page does not show this; leave it out",
+                f"{option(name)}: {paths.tracks} has tracks in images, and their page does not show this; leave it out",
                 id="not-applicable",
             )
 

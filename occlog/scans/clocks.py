@@ -82,7 +82,7 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
 
 
 def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockCorrection]:
-    """Return clock changes by camera index, for cameras whose clock in the scene differs from the one applied before.
+    """Return clock changes by camera index, for cameras with another clock in the scene than was applied before.
 
     Args:
         cameras: cameras in the order of the indices.

@@ -123,7 +123,7 @@ class MeasurementInputs:
         return self._rows(open_input(path), table)
 
     def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:
-        """Return the chunks of a table of an open input, whose losses are recorded.
+        """Return the chunks of a table of an open input; its losses are recorded.
 
         An error if its length unit is not the scene's.
         """

@@ -155,7 +155,7 @@ class LabelContinuity:
         yield from self._passed(last=True)
 
     def _passed(self, *, last: bool) -> Iterator[Bearings]:
-        """Process the buffered rows, and generate those whose identities are decided.
+        """Process the buffered rows, and generate those with decided identities.
 
         `last`: no more rows come, so that all are decided.
         """

@@ -105,7 +105,7 @@ class SceneRequest(SimulateRequestBase):
     render: bool = option_setting(
         False, "Add video of every camera, true boxes, and the targets' appearance.", shown=""
     )
-    look: Mapping[str, object] = group(lambda: RenderConfig, prefix=RENDER)
+    rendering: Mapping[str, object] = group(lambda: RenderConfig, prefix=RENDER)
     store: Mapping[str, object] = group(lambda: StoreConfig, only=("store",))
 
 
@@ -147,13 +147,13 @@ class SimulatePeopleRequest(_WithoutFile):
     people: Mapping[str, object] = group(lambda: PeopleConfig)
     size: tuple[int, int] | None = _size(PeopleConfig())
     world: Mapping[str, object] = group(lambda: WorldConfig, only=("speed",))
-    look: Mapping[str, object] = group(lambda: RenderConfig, without=("identical_clothes",), prefix=RENDER)
+    rendering: Mapping[str, object] = group(lambda: RenderConfig, without=("identical_clothes",), prefix=RENDER)
     store: Mapping[str, object] = group(lambda: StoreConfig)
 
 
 _OF_SCENES = (
     *("output", "fps", "seed", "workers", "scene", "seconds", "rate_hz", "bearings", "observe", "sound", "reads"),
-    *("measure", "render", "look", "store"),
+    *("measure", "render", "rendering", "store"),
 )
 VERB = Verb(
     _WithoutFile,

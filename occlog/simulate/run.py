@@ -102,7 +102,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
     observing = not request.render if request.bearings is None else request.bearings
     watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
     workers = request.workers or threads_by_default()
-    render = configure(RenderConfig(diameter=world.diameter, workers=workers), request.look)
+    render = configure(RenderConfig(diameter=world.diameter, workers=workers), request.rendering)
     fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     avoid = None if request.avoid is None else open_input(request.avoid, Tracks, Truth)
     heights = world.object_height is not None or (script is not None and script.heights)
@@ -138,7 +138,7 @@ def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleT
 
 def _check_request(scene: Scene, request: SceneRequest) -> None:
     """UsageError for options that do not apply to this scene or that state one value twice."""
-    of_video = [flag_of(RenderConfig, name) for name in request.look]
+    of_video = [flag_of(RenderConfig, name) for name in request.rendering]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
         raise UsageError(f"{of_video[0]} applies to video; add {option('render')}", id="missing-option")
@@ -254,7 +254,7 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
         world={"targets": people.people, "steps": people.frames, "wall_clearance": CLEARANCE, **request.world},
         rate_hz=rate_hz,
         render=True,
-        look={**request.look, "identical_targets": True, "min_visibility": 0.0},
+        rendering={**request.rendering, "identical_targets": True, "min_visibility": 0.0},
         store=request.store,
         workers=request.workers,
     )

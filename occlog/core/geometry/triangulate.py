@@ -66,7 +66,7 @@ def triangulate(
         sigmas: (R,) standard deviations [rad], > 0.
         starts: (S + 1,) first row of each scan, then R.
         loss: `gauss`, `huber` or `cauchy`.
-        min_crossing: scans whose lines cross at smaller angles than this give no position [rad].
+        min_crossing: scans with lines that cross at smaller angles than this give no position [rad].
 
     Raises:
         ValueError: unknown loss.
@@ -335,7 +335,7 @@ class SourceDirections(NamedTuple):
 
 
 class LocatedSources(NamedTuple):
-    """N positions of sources, with their covariances and the number of arrays whose directions support each."""
+    """N positions of sources, with their covariances and the number of arrays with directions that support each."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)

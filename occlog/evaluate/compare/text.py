@@ -123,7 +123,7 @@ def basis(found: MetricComparison) -> str:
 
 
 def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:
-    """Return a sentence for each method whose tracks are not plausible, with the first warning."""
+    """Return a sentence for each method with tracks that are not plausible, with the first warning."""
     out = []
     for m, method in enumerate(methods):
         own = [each for each in found.implausible if each.method == m]

@@ -202,7 +202,7 @@ class Bounds:
             ("error", "f8"),
             ("error_space", "f8"),
         ]
-        kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
+        kinds += [(name, "?") for name in ("observed", "estimate", "late", "known")]
         kinds += [("ground", "f8", (2, 2))] if ways.ground else []
         kinds += [("space", "f8", (3, 3))] if ways.space else []
         self._record = np.dtype(kinds)
@@ -284,7 +284,7 @@ class Bounds:
         times = np.union1d(observed_ns, errors.t_ns[wanted])
         out = np.zeros(len(times), dtype=self._record)
         out["t_ns"], out["target"] = times, target
-        out["look"] = np.isin(times, observed_ns)
+        out["observed"] = np.isin(times, observed_ns)
         out["known"] = path.at(times, self._config.limit_ns)[1]
         out["error"] = out["error_space"] = np.nan
         at = np.searchsorted(times, errors.t_ns[wanted])
@@ -383,7 +383,7 @@ class Bounds:
         for target, rows in _by_target(information):
             known = self._targets[target]
             own = information[rows]
-            keep = own["known"] & (own["estimate"] if known.errors else own["look"])
+            keep = own["known"] & (own["estimate"] if known.errors else own["observed"])
             rows, own, d = rows[keep], own[keep], known.d
             table = bound_table(
                 own["t_ns"],

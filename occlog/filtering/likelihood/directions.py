@@ -55,8 +55,8 @@ MIN_FALSE_ALARM_PROBABILITY = 1e-5
 """Least probability of a false report times that of a miss in `likely_inliers`."""
 
 
-class MeasurementNoise(NamedTuple):
-    """Noise parameters of S sensors for [Ercan] Eq. 2 (except measurement noise), and image widths."""
+class PoseNoise(NamedTuple):
+    """Standard deviations of the poses of S sensors for [Ercan] Eq. 2, with focal lengths and image widths."""
 
     focal_px: Floats  # (S,)
     sigma_position: Floats  # (S,)
@@ -100,7 +100,7 @@ class DetectionModel(NamedTuple):
 
 @kernel
 def add_pixel(
-    out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: MeasurementNoise
+    out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: PoseNoise
 ) -> None:
     """Add the density of a horizontal pixel coordinate that a camera measured to sums over positions, in place.
 
@@ -148,7 +148,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 
 @kernel
-def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
+def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: PoseNoise) -> Floats:
     """Return (L,) sums, over the measurements of one report, of share times density at given target positions.
 
     Args:
@@ -170,7 +170,7 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Mea
 
 @kernel
 def factors(
-    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
+    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: PoseNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
     """Return the (L,) likelihood factors of report k at target positions, and the factor behind an occluder.
 
@@ -209,7 +209,7 @@ def factors(
 
 
 @kernel
-def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
+def image_width(k: int, scan: PackedScan, noise: PoseNoise) -> float:
     """Return the range W of possible measurement values of report k of the scan [px or rad]; it has a measurement."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
@@ -218,7 +218,7 @@ def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
 
 @kernel
 def log_likelihood(
-    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: PoseNoise, model: DetectionModel, free: Bools
 ) -> Floats:
     """Return (L,) log-likelihoods of a scan for target positions, without priors of moving occluders.
 
@@ -258,9 +258,7 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 
 
 @kernel
-def likely_inliers(
-    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
-) -> Bools:
+def likely_inliers(xy: Floats, scan: PackedScan, sensors: Sensors, noise: PoseNoise, model: DetectionModel) -> Bools:
     """Return (n,) booleans: the report has a measurement that is more probably the target's than false or another's.
 
     False too for a report without a measurement, and for a sensor that cannot see the position.
@@ -318,7 +316,7 @@ def log_likelihood_among(
     xy: Floats,
     scan: PackedScan,
     sensors: Sensors,
-    noise: MeasurementNoise,
+    noise: PoseNoise,
     model: DetectionModel,
     free: Bools,
     priors: Priors,
@@ -364,7 +362,7 @@ def _independent(
     xy: Floats,
     scan: PackedScan,
     sensors: Sensors,
-    noise: MeasurementNoise,
+    noise: PoseNoise,
     model: DetectionModel,
     free: Bools,
     priors: Priors,
@@ -409,7 +407,7 @@ def _independent(
 
 @kernel
 def _split_by_occlusion(
-    xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: PoseNoise, model: DetectionModel, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
     """Split the likelihood of a scan of n reports into factors that moving occluders cannot change and others.
 

@@ -15,14 +15,14 @@ from occlog.core.geometry.camera import second_order_variance, wrap_angle
 from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.plane import Floor, on_floor
 
-from .directions import MIN_DEPTH, MIN_DEPTH_RATIO, MeasurementNoise, PackedScan
+from .directions import MIN_DEPTH, MIN_DEPTH_RATIO, PackedScan, PoseNoise
 
 
 class MeasurementWorld(NamedTuple):
     """Sensors with their noise, and the region where a target can be."""
 
     sensors: Sensors
-    noise: MeasurementNoise
+    noise: PoseNoise
     floor: Floor
 
 

@@ -44,7 +44,7 @@ from .source import ColumnSource
 
 T = TypeVar("T", bound=ColumnTable)
 Values = dict[str, NDArray[np.generic]]
-WHOSE = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
+OWNERS = ("sensor", "target_id", "source_id", "occluder_id", "tag", "reference")
 """Columns that identify the owner of a row."""
 OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi_dbm", "signal"}
 """Names that reads of tags alone have."""
@@ -153,7 +153,7 @@ class ExternalTable:
                 all_of_it.append(part)
                 self._check_held(all_of_it)
             whole = _join(all_of_it)
-            owners = [whole[name] for name in WHOSE if name in whole]
+            owners = [whole[name] for name in OWNERS if name in whole]
             note_clock_set(
                 self.source.path, "row", whole["_row"].astype(np.int64), whole[TIME].astype(np.int64), owners
             )
@@ -245,7 +245,7 @@ class ExternalTable:
 
         Columns that the file lacks are left out.
         """
-        names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
+        names = [s.name for s in self.layout.columns if s.column.name in OWNERS]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 

@@ -123,7 +123,6 @@ XML_BY_INGEST = (
     "the video, boxes or calibration of CAMERA, and `ingest --fps RATE` where nothing else gives times"
 )
 BAG_BY_INGEST = "make a recording of it by `occlog ingest {name} -o OUT.mcap`"
-PICKLED = "a pickle of Python; write its rows as Parquet or CSV"
 JSON_BY_INGEST = "boxes in it go into a recording by `occlog ingest --boxes CAMERA={name}`; write other rows as CSV"
 _OTHERS = (
     (0, ROS1_MAGIC, f"a bag of ROS 1; {BAG_BY_INGEST}"),
@@ -140,8 +139,6 @@ _OTHERS = (
     (0, b"\xd0\xcf\x11\xe0", "a file of Excel; save its sheet as CSV"),
     (0, b"\x89HDF", "HDF5, as of pandas or MATLAB; write its rows as Parquet or CSV"),
     (0, b"MATLAB 5.0", "a file of MATLAB; write its rows as CSV (writetable)"),
-    (0, b"\x80\x04\x95", PICKLED),
-    (0, b"\x80\x05\x95", PICKLED),
 )
 """Position and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 

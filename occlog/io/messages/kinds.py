@@ -481,8 +481,11 @@ def _ros(topic: BagTopic) -> Decode:
         store, listed, _ = _types(kind, topic.encoding, topic.language, topic.definition)
     except (*FAILURES, types.TypesysError, RecursionError) as error:
         reason = " ".join(str(error).split())[:80]
-        what = "its definition cannot be read" if topic.definition else "the bag does not define it, nor does ROS"
-        raise InputError(f"topic {topic.name}: type {topic.kind}: {what} ({reason})") from None
+        what = f"its definition cannot be read ({reason})" if topic.definition else "neither the bag nor ROS defines it"
+        raise InputError(
+            f"topic {topic.name}: type {topic.kind}: {what}; convert the bag to MCAP by `ros2 bag convert` where the "
+            "type is installed"
+        ) from None
 
     deserialize = store.deserialize_ros1 if topic.encoding == "ros1" else store.deserialize_cdr
 

@@ -34,7 +34,7 @@ class LearnRequest(Request):
     output: Path = output_file(
         "Appearance gallery (Parquet): mean colour histogram of each target and viewing angle.", "gallery"
     )
-    boxes: Path | None = source("Boxes of people (Parquet), whose colours are learned. [default: those of RECORDING]")
+    boxes: Path | None = source("Boxes of people (Parquet), to learn the colours of. [default: those of RECORDING]")
     views: Path | None = source(
         "Views of `occlog detect` (Parquet) in place of boxes; their stored colours are used, not images."
     )

@@ -324,7 +324,7 @@ def paths_of_boxes(
 ) -> dict[int, PersonPath]:
     """Path of each identity of boxes by identity: floor positions below the middle of their lower edges.
 
-    Positions are averaged over the cameras at one time; boxes whose lower edge is above the horizon, and cameras of
+    Positions are averaged over the cameras at one time; boxes with a lower edge above the horizon, and cameras of
     unknown height, are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
@@ -370,7 +370,7 @@ def observe_boxes(
 ) -> Iterator[Sighting]:
     """Generate the sightings of boxes (appearance, track and viewing angle), frame by frame.
 
-    Frames whose image is missing or cannot be decoded are skipped and counted.
+    Frames with an image that is missing or cannot be decoded are skipped and counted.
 
     Args:
         boxes: boxes of frames in the order of time.
@@ -472,9 +472,9 @@ class _Images:
         self._time = -1
 
     def at(self, boxes: FrameBoxes) -> Image | None:
-        """Decoded image of the frame of `boxes`, whose times must not decrease; None if missing or damaged.
+        """Decoded image of the frame of `boxes`, of which times must not decrease; None if missing or damaged.
 
-        Boxes whose frame is missing, and frames that cannot be decoded, are counted in the tally.
+        Boxes without a frame, and frames that cannot be decoded, are counted in the tally.
         """
         if boxes.t_ns > self._time:
             self._held.clear()

@@ -105,7 +105,7 @@ class _Paths:
     """Interpolates a stream of tracks at nondecreasing times; only the rows around them are in memory."""
 
     def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
-        """Start without reading tracks, whose chunks are sorted by time.
+        """Start without reading tracks; their chunks are sorted by time.
 
         Tracks are not interpolated across gaps of more than `limit_ns` [ns].
         """

@@ -60,6 +60,9 @@ MIN_SHARE = 0.75
 LEAST_SLOWNESS, MOST_SLOWNESS, MIN_EXCESS = 0.05, 1.3, 0.5
 """Bounds of the share of the longest delays that positions and rate permit, and delay beyond it [samples] to be stated.
 A share below the first is that of sound from straight above an array of 3 degrees."""
+MAX_ABOVE, MIN_TURN_RAD, MAX_CHANGE = 0.7, 0.5, 0.1
+"""Slowness in the plane of an array below which sound comes from above, or the rate is wrong: a source that moves by
+this angle above an array changes it by more than this share of it."""
 SEARCHED = 4.0
 """Multiple of the longest possible delays within which those of another rate or unit are sought."""
 
@@ -202,20 +205,30 @@ class ChannelLags:
         """
         pairs = list(combinations(range(len(microphones)), 2))
         apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
-        if np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30)) < 2:
+        rank = np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30))
+        if rank < 2:
             return None
-        longest, shares = float(np.linalg.norm(apart, axis=1).max()) * rate, []
+        longest, found = float(np.linalg.norm(apart, axis=1).max()) * rate, []
         near = np.abs(np.fft.fftfreq(FRAME, 1.0 / FRAME)) <= SEARCHED * longest + SLACK_SAMPLES
         for frame in self._frames:
             lags = np.array([_delay(frame[i, j], near) for i, j in pairs])
-            misfit, share = _plane_wave_misfit(lags[None], apart, rate)
-            if misfit <= max(MIN_MISFIT, 0.1 * float(np.sqrt(np.mean(lags**2)))):
-                shares.append(share)
-        if len(shares) < max(MIN_FRAMES, MIN_SHARE * len(self._frames)):
+            waves, misfit = _plane_waves(lags[None], apart)
+            if misfit[0] <= max(MIN_MISFIT, 0.1 * float(np.sqrt(np.mean(lags**2)))):
+                found.append(waves[0] / rate)
+        if len(found) < max(MIN_FRAMES, MIN_SHARE * len(self._frames)):
             return None
+        waves = np.array(found)
+        shares = np.linalg.norm(waves, axis=1)
         low, usual = float(np.quantile(shares, 1.0 - MIN_SHARE)), float(np.median(shares))
         large = low > MOST_SLOWNESS and (low - 1.0) * longest > MIN_EXCESS
-        return usual if large or max(shares) < LEAST_SLOWNESS else None
+        # In space the size of a slowness is that of sound; in a plane it is smaller for sound from above
+        small = shares.max() < (1.0 / MOST_SLOWNESS if rank == 3 else LEAST_SLOWNESS)
+        if rank == 2 and usual < MAX_ABOVE:
+            axes = np.linalg.svd(apart, full_matrices=False)[2][:2]
+            towards = (waves @ axes.T) @ np.array([1.0, 1.0j])
+            turned = np.ptp(np.unwrap(np.angle(towards)))
+            small |= bool(turned > MIN_TURN_RAD and np.ptp(np.quantile(shares, [0.1, 0.9])) < MAX_CHANGE * usual)
+        return usual if large or small else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float) -> Bools:
         """(BLOCK,) mask of lags, in the order of an FFT, that are possible for the distance of two microphones.
@@ -345,9 +358,17 @@ def _plane_wave_misfit(lags: Floats, apart: Floats, rate: float) -> tuple[float,
         apart: (P, 3) differences of the microphones' positions of the pairs, in seconds of the travel of sound.
         rate: samples per second.
     """
-    waves = lags @ np.linalg.pinv(apart, rcond=1e-3).T
-    rest = np.sqrt(np.mean((lags - waves @ apart.T) ** 2, axis=1))
+    waves, rest = _plane_waves(lags, apart)
     return float(np.median(rest)), float(np.median(np.linalg.norm(waves, axis=1))) / rate
+
+
+def _plane_waves(lags: Floats, apart: Floats) -> tuple[Floats, Floats]:
+    """Slowness vectors (n, 3) [samples per second of travel] of the plane waves that fit delays best (least squares).
+
+    Also the RMS differences (n,) of the delays from theirs [samples]; arguments as of `_plane_wave_misfit`.
+    """
+    waves = lags @ np.linalg.pinv(apart, rcond=1e-3).T
+    return waves, np.sqrt(np.mean((lags - waves @ apart.T) ** 2, axis=1))
 
 
 def _connected(fits: Bools) -> list[list[int]]:

@@ -167,7 +167,7 @@ class FusionRows:
         """Drop superfluous "not detected" rows of each camera's unlabelled candidates in one time step.
 
         A camera with a kept or recovered candidate loses all of them, any other keeps one. To be called after all
-        decisions of the time step, whose rows are `first` <= row < `last`.
+        decisions of the time step, with rows `first` <= row < `last`.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]

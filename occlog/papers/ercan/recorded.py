@@ -325,7 +325,7 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """(n,) mask of detections whose line of sight to the target a virtual person blocks ([Ercan] Fig. 3, A(x)).
+    """(n,) mask of detections with a line of sight to the target that a virtual person blocks ([Ercan] Fig. 3, A(x)).
 
     Args:
         recorded: n bearings, and the target's positions.

@@ -206,7 +206,7 @@ def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
 
 
 def _sound(followed: TrackerOutput, on: Bools) -> Bools:
-    """Mask (m,) of the rows of trackers for whose target all trackers in the same frame are on it.
+    """Mask (m,) of the rows of trackers for targets that all their trackers in the same frame are on.
 
     `on`: (m,) rows that are on their own target.
     """

@@ -191,7 +191,7 @@ def constraints_plan(size: Size) -> PlanFigure:
 
 
 def _behind(solved: Solved) -> int:
-    """Number of the measurements at whose time the solution is behind the camera."""
+    """Number of the measurements at times when the solution is behind the camera."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.position) * at.axis, axis=1) <= 0.0))
 

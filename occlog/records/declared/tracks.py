@@ -140,7 +140,7 @@ class Diagnostics(ColumnTable):
         "`unobservable` (the position is hardly known), `infeasible_constraints` (constraints no position holds were "
         "omitted, with what was seen then), `no_path` (no way around a wall was found), `not_converged` (the search "
         "did not converge), `few_inliers` (fewer than half of the bearings are accepted) or `rival_mode` (another "
-        "trajectory that is nearly as probable is elsewhere); of `fix` `two_lines` (two lines, whose spread is as "
+        "trajectory that is nearly as probable is elsewhere); of `fix` `two_lines` (two lines, with a spread as "
         "stated), `stated` (the spread was not found), `ambiguous` (measurements fit several positions), `unverified`"
         " (two measurements fix it, and none of the others agrees) or `possible_outlier` (one that is accepted may be"
         " false: another position is possible, or they scatter too much); of `ekf`, `ukf` and `iekf` `inflated` (most"

@@ -87,10 +87,10 @@ def _lives(found: RunComparisonPage) -> Plot | None:
     """Figure of matched tracks over time: people with changing tracks, or else all, as many as fit."""
     truth = found.against_truth
     if truth is not None:
-        names = words.whose(truth.a, truth.b)
+        names = words.matched_people(truth.a, truth.b)
         lives = [PersonLifeline(f"person {k}", truth.a.of(k), truth.b.of(k)) for k in names]
     else:
-        lives = [PersonLifeline(f"A {k}", (), found.in_b.of(k)) for k in words.whose(found.in_b)]
+        lives = [PersonLifeline(f"A {k}", (), found.in_b.of(k)) for k in words.matched_people(found.in_b)]
     changing = [life for life in lives if any(len({p.track for p in part}) > 1 for part in (life.a, life.b))]
     shown = (changing or lives)[:MAX_LIVES]
     if not shown:

@@ -493,15 +493,17 @@ def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
         for who in sorted({piece.who for piece in (*truth.a.pieces, *truth.b.pieces)}):
             rows.append((f"person {who}", truth.a.of(who), truth.b.of(who)))
     else:
-        rows += [(f"A {who}", (), found.in_b.of(who)) for who in whose(found.in_b)]
-        rows += [(f"B {who}", found.in_a.of(who), ()) for who in whose(found.in_a) if _several(found.in_a.of(who))]
+        rows += [(f"A {who}", (), found.in_b.of(who)) for who in matched_people(found.in_b)]
+        rows += [
+            (f"B {who}", found.in_a.of(who), ()) for who in matched_people(found.in_a) if _several(found.in_a.of(who))
+        ]
     rows.sort(key=lambda row: -max(_several(row[1]), _several(row[2])))
     cells = [IdentityRow(who, _cells(found, a), _cells(found, b)) for who, a, b in rows[:MAX_ROWS]]
     return cells, max(len(rows) - MAX_ROWS, 0)
 
 
-def whose(*followed: MatchedRuns) -> list[int]:
-    """Return the sorted identities of the people whose intervals are matched."""
+def matched_people(*followed: MatchedRuns) -> list[int]:
+    """Return the sorted identities of the people with matched intervals."""
     return sorted({piece.who for each in followed for piece in each.pieces})
 
 

@@ -56,7 +56,7 @@ class Poses(NamedTuple):
 class Solids(NamedTuple):
     """P ellipsoids in scene units, the parts of n bodies: the points p with |A (p - c)| = 1.
 
-    Centres c (P, 3); matrices A (P, 3, 3), whose rows are the axes over their half lengths; half lengths (P, 3);
+    Centres c (P, 3); matrices A (P, 3, 3) with the axes over their half lengths as rows; half lengths (P, 3);
     index of the body and kind of part (`SKIN` to `SHOES`) of each (P,).
     """
 

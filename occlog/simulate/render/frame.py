@@ -93,7 +93,7 @@ def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
 
     Args:
         centre: (P, 3) centres.
-        axes: (P, 3, 3) matrices, whose rows are the unit directions of the axes over the half lengths.
+        axes: (P, 3, 3) matrices; rows are the unit directions of the axes over the half lengths.
         half: (P, 3) half lengths of the axes.
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)

@@ -129,7 +129,7 @@ def _image_boxes(camera: Camera, positions: Floats) -> Floats:
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
-    """(m,) mask of other persons whose boxes overlap none of a person's boxes, in any of V views.
+    """(m,) mask of other persons with boxes that overlap none of a person's boxes, in any of V views.
 
     Args:
         box: (V, 4) left, top, right, bottom of the person in each view.

@@ -202,3 +202,39 @@ def test_delays_that_positions_and_rate_do_not_permit_are_named(seed: int, scale
     list(channels.watch([wave(60.0 + 7.0 * seed, seed)]))
     found = channels.slowness()
     assert found == (None if share is None else pytest.approx(share, rel=0.1))
+
+
+TETRAHEDRON = 0.1 / 343.0 * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+
+
+def moving(
+    positions: NDArray[np.float64], azimuths: NDArray[np.float64], elevations: NDArray[np.float64]
+) -> np.ndarray:
+    """Samples at 16 kHz of a plane wave in microphones at `positions` (M, 3) [s], from another direction each 8,192."""
+    rng, parts = np.random.default_rng(0), []
+    frequencies = np.fft.rfftfreq(16_384, 1.0 / 16_000)
+    for azimuth, elevation in zip(azimuths, elevations, strict=True):
+        along = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+        phase = np.exp(2j * np.pi * frequencies[:, None] * (positions @ along))
+        dry = np.fft.rfft(rng.standard_normal(16_384))
+        parts.append(np.fft.irfft(dry[:, None] * phase, axis=0)[4096:12_288])
+    return 0.1 * np.concatenate(parts)
+
+
+@pytest.mark.parametrize("microphones", [SQUARE, TETRAHEDRON], ids=["plane", "space"])
+@pytest.mark.parametrize(
+    ("scale", "elevations", "named"),
+    [
+        (2.0, np.full(24, 0.1), True),  # twice its sampling rate in the header
+        (1.0, np.full(24, 0.1), False),
+        (1.0, np.linspace(0.8, 1.2, 24), False),  # past an array at a ceiling
+    ],
+)
+def test_delays_too_short_for_the_array_are_named(
+    microphones: NDArray[np.float64], scale: float, elevations: NDArray[np.float64], named: bool
+) -> None:
+    samples = moving(microphones, np.linspace(0.3, 1.5, 24), elevations)
+    channels = Channels(scale * microphones, 16_000)
+    list(channels.watch([samples]))
+    found = channels.slowness()
+    assert found == (pytest.approx(1.0 / scale, rel=0.1) if named else None)

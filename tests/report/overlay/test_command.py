@@ -269,7 +269,7 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
         (["t", "R", "--frame", "1", "--png", "o.png", "--scale", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["t", "R", "--video", "o.avi", "--fps", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["t", "R"], ExitCode.USAGE, "no output: give -o (the page), or --recording with --video or --frame"),
-        (["t", "R", "-o", "p.html", "--errors", "t.parquet"], ExitCode.USAGE, "whose page does not show this"),
+        (["t", "R", "-o", "p.html", "--errors", "t.parquet"], ExitCode.USAGE, "their page does not show this"),
         (["t", "R", "--frame", "1"], ExitCode.USAGE, "--png and --frame belong together"),
         (["t", "R", "--video", "o.mov"], ExitCode.USAGE, "o.mov: a video can be .avi or .mp4"),
         (

@@ -24,7 +24,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.geometry.visibility import Sensors
 from occlog.core.plane import inside_polygon
-from occlog.filtering.likelihood.directions import MeasurementNoise, PackedScan
+from occlog.filtering.likelihood.directions import PackedScan, PoseNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Camera, Scene
 from occlog.scans.grouping import Scan
@@ -63,7 +63,7 @@ class StatedSensors(NamedTuple):
 
     scene: Scene
     sensors: Sensors
-    noise: MeasurementNoise
+    noise: PoseNoise
     positions: Floats  # (S, 2)
     yaw: Floats  # (S,)
     focal_px: Floats  # (S,) 0: not a camera
@@ -102,9 +102,7 @@ class PoseCalibration(NamedTuple):
         return self.phase is None and self.belief.log_odds > MIN_LOG_ODDS
 
 
-def begin(
-    scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str
-) -> PoseCalibration | None:
+def begin(scene: Scene, noise: PoseNoise, read_px: Floats, sensors: Sensors, mode: str) -> PoseCalibration | None:
     """Return the pose calibration before the first scan; None in mode `none`.
 
     Args:
@@ -123,7 +121,7 @@ def begin(
     return PoseCalibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
 
 
-def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
+def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, PoseNoise]:
     """Return the sensors with corrected poses, and the noise model with what remains uncertain about the poses.
 
     Where the particles are near together as seen from a sensor, the variance of a bearing to them is put into the yaw's

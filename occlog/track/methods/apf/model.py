@@ -26,9 +26,9 @@ from occlog.filtering.likelihood.directions import (
     INDEPENDENT,
     RECURSION,
     DetectionModel,
-    MeasurementNoise,
     Occlusion,
     PackedScan,
+    PoseNoise,
     log_likelihood,
     log_likelihood_among,
 )
@@ -69,7 +69,7 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
     )
 
 
-def pack_noise(scene: Scene) -> MeasurementNoise:
+def pack_noise(scene: Scene) -> PoseNoise:
     """Return pose errors, focal lengths and image widths of all sensors as arrays, cameras first; 0 for arrays.
 
     The range of values of an array's bearing is 2 pi rad.
@@ -85,7 +85,7 @@ def pack_noise(scene: Scene) -> MeasurementNoise:
         width_px + [1.0] * len(none),
         fov + [2.0 * math.pi] * len(none),
     )
-    return MeasurementNoise(*(np.array(c, dtype=np.float64) for c in columns))
+    return PoseNoise(*(np.array(c, dtype=np.float64) for c in columns))
 
 
 def read_noise(scene: Scene) -> Floats:
@@ -190,9 +190,7 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
     return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), MAX_DESTINATION_S * speed)
 
 
-def sight_lines(
-    packed: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
-) -> ScanDirectionsInPlane:
+def sight_lines(packed: PackedScan, sensors: Sensors, noise: PoseNoise, prior: ViewPrior) -> ScanDirectionsInPlane:
     """Return the directions of a scan's n measurements in the plane, with errors of reading and pose ([Ercan] Eq. 2).
 
     Args:
@@ -225,7 +223,7 @@ class ApfModel(NamedTuple):
     config: ApfConfig
     floor: Floor
     sensors: Sensors
-    noise: MeasurementNoise
+    noise: PoseNoise
     read_px: Floats
     motion: WaypointModel
     detection: DetectionModel

@@ -24,7 +24,7 @@ from occlog.core.geometry.visibility import Sensors
 from occlog.core.occlusion.occlusion_probability import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.errors import UsageError, abridged, option
-from occlog.filtering.likelihood.directions import MeasurementNoise
+from occlog.filtering.likelihood.directions import PoseNoise
 from occlog.filtering.particles import mean_and_covariance
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
@@ -57,7 +57,7 @@ class CameraChoice(NamedTuple):
     cameras: tuple[int, ...]  # rows of the sensors
     order: tuple[int, ...]  # the same in the order of use for `fixed`
     sensors: Sensors
-    noise: MeasurementNoise
+    noise: PoseNoise
     read_px: Floats
     hit: Floats  # (N,) probability that a camera detects a target in plain view
     hiding: int  # form of the probability that a moving occluder hides the target

@@ -152,7 +152,7 @@ def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation,
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """Return (R,) factors, at least 1, for the variances of rows whose sensor is close to the position.
+    """Return (R,) factors, at least 1, for the variances of rows of sensors close to the position.
 
     The error across a line of sight is its angle times the distance r, with second moment r^2 + v; linearised at the
     position it is taken for r alone, and next to a sensor the line would have no width.

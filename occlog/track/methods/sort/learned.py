@@ -48,7 +48,7 @@ class ImageDetectorStatistics:
         self.similarities = np.zeros((2, 3))
 
     def detection(self, visible: Floats) -> Floats:
-        """Return (N,) detection probabilities of people whose visible shares are `visible` (N,), 0 to 1."""
+        """Return (N,) detection probabilities of people with visible shares `visible` (N,), 0 to 1."""
         return np.asarray((self._detected / self._frames)[_interval(visible, VISIBILITY_BINS)])
 
     def add_detections(self, visible: Floats, hit: Bools) -> None:

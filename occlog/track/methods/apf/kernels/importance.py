@@ -29,8 +29,8 @@ from occlog.filtering.likelihood.directions import (
     PRODUCT_FLOOR,
     ROOT_2PI,
     DetectionModel,
-    MeasurementNoise,
     PackedScan,
+    PoseNoise,
 )
 from occlog.filtering.likelihood.distances import COMPILED, RangeMeasurements
 from occlog.filtering.likelihood.distances import NEAREST as CLOSEST
@@ -54,7 +54,7 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 
 
 @kernel
-def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
+def measurements(scan: PackedScan, sensors: Sensors, noise: PoseNoise, model: DetectionModel) -> Floats:
     """Return (M, 12) parameters of a scan's directions, one row each, for the importance density.
 
     Columns: kind, measured value, noise, factor (SCALE), position of the sensor (2), cosine and sine of its axis, focal

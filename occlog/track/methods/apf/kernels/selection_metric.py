@@ -21,7 +21,7 @@ from occlog.core.geometry.visibility import Sensors, seen_from
 from occlog.core.numerics.jit import array_kernel
 from occlog.core.occlusion.occlusion_probability import IMPROVED, blocking_probabilities
 from occlog.core.occlusion.priors import Priors
-from occlog.filtering.likelihood.directions import MeasurementNoise
+from occlog.filtering.likelihood.directions import PoseNoise
 
 MIN_DETECTION_PROBABILITY = 1e-12
 """Cameras that see the target with a smaller probability are excluded from Sigma_Z."""
@@ -121,7 +121,7 @@ def perspective_moments(
     weights: Floats,
     cameras: Sequence[int],
     sensors: Sensors,
-    noise: MeasurementNoise,
+    noise: PoseNoise,
     read_px: Floats,
     inside: Bools,
     together: Floats,
@@ -168,7 +168,7 @@ def weak_moments(
     weights: Floats,
     cameras: Sequence[int],
     sensors: Sensors,
-    noise: MeasurementNoise,
+    noise: PoseNoise,
     read_px: Floats,
     together: Floats,
 ) -> CameraMoments:

@@ -50,7 +50,7 @@ def affine_maps(state: VisualState, estimate: Floats) -> Floats:
 
     Args:
         state: trackers and lenses; tracker i is in view `state.trackers.view[i]`.
-        estimate: (n, 5) ellipse of each tracker, at whose centre its transformation is exact.
+        estimate: (n, 5) ellipse of each tracker; its transformation is exact at the centre.
     """
     t = state.trackers
     out = np.repeat(IDENTITY[None], len(t.view), axis=0)

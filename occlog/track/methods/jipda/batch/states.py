@@ -58,8 +58,8 @@ def states(
         walk: motion model of people.
         chain: links and messages of the nodes.
         time: (T,) times of the time steps [s].
-        first: (T,) index of the time step from which a track is returned whose first node is at each time step.
-        last: (T,) index of the time step up to which a track is returned whose last node is at each time step.
+        first: (T,) for each time step, index of the step from which a track with its first node there is returned.
+        last: (T,) for each time step, index of the step up to which a track with its last node there is returned.
     """
     rows = States(*_states(nodes, walk, chain, time, first, last))
     order = np.lexsort((rows.track, rows.step))
