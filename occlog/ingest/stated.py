@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, 
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
 from occlog.io.files.timing.utc import utc
-from occlog.io.formats.boxes.reader import BoxSurvey, counter_bits
+from occlog.io.formats.boxes.reader import COLUMN_OF_TIMES, BoxSurvey, counter_bits
 from occlog.io.frames.camera_source import CameraSource
 from occlog.records.messages import listed
 from occlog.records.verdicts import Check, finding, outcome
@@ -25,6 +25,8 @@ CLOCKS = "clocks by frame numbers"
 """Names of checks."""
 MIN_START_S = 0.1
 """Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
+MIN_COUNTED = 20
+"""Frames that are 1 s apart from which their times may be numbers of frames."""
 MAX_BOXLESS_SHARE = 0.1
 """Share of frames after a camera's last box above which the numbering of the boxes is doubtful."""
 STRIDE_TOLERANCE = 0.05
@@ -59,14 +61,15 @@ def source_checks(
     stamped = {} if plan.frames else _stamped(sources, survey, times)
     no_times = "no two cameras have times of frames"
     no_video = "" if plan.video else "there is no video"
-    no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
+    counted = [*_counted(times)]
+    no_sidecar = "" if (plan.video and plan.timestamps) or counted else "no video has time stamps in a file"
     numbers = [] if survey is None else [*_restarts(survey)]
     both = [s for s in sources if survey is not None and s.name in survey.ranges and s.decoder.frames]
     numbers += _ends(plan, both, survey)
     return (
         *outcome(PICTURES, _facts(sources), unless="" if sources else "there are no pictures"),
         *outcome(STARTS, _starts(plan, sources), unless=no_video),
-        *outcome(SIDECARS, _units(sources), unless=no_sidecar),
+        *outcome(SIDECARS, chain(_units(sources), counted), unless=no_sidecar),
         *outcome(CLOCKS, clock_faults(stamped), unless="" if len(stamped) > 1 else no_times),
         *outcome(ENDS, numbers, unless="" if both or numbers else "no camera has pictures and boxes"),
     )
@@ -108,6 +111,14 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
         ratio = float(table[-1] - table[0]) / (len(table) - 1) * rate / NS
         if is_unit_factor(ratio):
             yield finding(SIDECARS, "time-stamps-unit", sensors=[source.name], ratio=ratio, other="its video")
+
+
+def _counted(times: Mapping[str, FrameTimes]) -> Iterator[Check]:
+    """Yield a finding for the cameras of which boxes have the number of the frame, and nothing else, as time."""
+    own = {n: t.table_ns for n, t in times.items() if t.source == COLUMN_OF_TIMES and t.table_ns is not None}
+    names = [n for n, t in own.items() if len(t) >= MIN_COUNTED and (np.diff(t) == NS).all()]
+    if names:
+        yield finding(SIDECARS, "times-count-frames", sensors=names)
 
 
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:

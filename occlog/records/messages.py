@@ -838,6 +838,11 @@ VERDICT: dict[str, Message] = {
         "truth: {rate_hz:.3g} positions of a target a second (expected: up to {most:g})",
         "check the unit of its times, which must not be days of Excel or MATLAB",
     ),
+    "times-count-frames": Message(
+        N,
+        "{sensors}: the times of boxes are 1 s apart in each frame, and may be numbers of frames",
+        "if so, give {option[fps]} RATE, which replaces them",
+    ),
     "time-stamps-unit": Message(
         W,
         "{sensors}: the unit of its times seems wrong: they span {ratio:.3g} times as much as those of {other}",

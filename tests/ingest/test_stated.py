@@ -208,3 +208,12 @@ def test_numbers_that_a_file_states_need_not_end_alike() -> None:
     ((id, sensors, jump_s),) = faults(**files, c=stamped(jumps[:390], counted=True))
     assert (id, sensors, jump_s) == ("clock-jump", ("c",), pytest.approx(16.94, rel=1e-3))
     assert faults(**files, c=stamped(jumps + 9.0 * (EVEN > 30.0), counted=True)) == []
+
+
+@pytest.mark.parametrize(("step", "ids"), [(1.0, {"times-count-frames"}), (0.999, set()), (0.5, set())])
+def test_numbers_of_frames_in_place_of_times_are_noted(tmp_path: Path, step: float, ids: set[str]) -> None:
+    rows = "".join(f"{n},{step * n:g},{10 + n % 9},20,20,40\n" for n in range(1, 40))
+    table = tmp_path / "a.csv"
+    table.write_text(f"frame,time,left,top,width,height\n{rows}")
+    assert set(ingest(tmp_path, "--boxes", f"a={table}", "--image-size", "100x100")) == ids
+    assert ingest(tmp_path, "--boxes", f"a={table}", "--image-size", "100x100", "--fps", "25") == {}

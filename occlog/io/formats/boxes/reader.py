@@ -106,6 +106,10 @@ def note_times(
                 )
 
 
+COLUMN_OF_TIMES = "column of times"
+"""Source of the times of frames in a table of boxes."""
+
+
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
     """Times of frames 0 to `stop` - 1 from those of some frames; others are interpolated, or extrapolated evenly.
 
@@ -151,7 +155,7 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
         )
     table = np.round(relative).astype(np.int64) + t_ns[0]
     table[frames[frames < stop]] = t_ns[frames < stop]
-    return FrameTimes("column of times", 0, table)
+    return FrameTimes(COLUMN_OF_TIMES, 0, table)
 
 
 B = TypeVar("B", bound=Boxes)
