@@ -840,7 +840,7 @@ VERDICT: dict[str, Message] = {
     ),
     "times-count-frames": Message(
         N,
-        "{sensors}: the times of boxes are 1 s apart in each frame, and may be numbers of frames",
+        "{sensors}: the times of boxes increase by 1 s a frame, and may be numbers of frames",
         "if so, give {option[fps]} RATE, which replaces them",
     ),
     "time-stamps-unit": Message(
