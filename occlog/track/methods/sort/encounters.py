@@ -68,9 +68,11 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
         target: (k,) indices of the tracks with a box.
         box: (k,) index of each such track's box.
     """
+    known = np.flatnonzero(ids >= 0)
+    if len(known) < 2:
+        return []
     assigned = np.full(len(ids), -1, dtype=np.int64)
     assigned[target] = box
-    known = np.flatnonzero(ids >= 0)
     mine = assigned[known]
     own = np.where(mine >= 0, ratio[known, mine] if ratio.shape[1] else 0.0, 0.0)
     crossed = np.where(mine[None, :] >= 0, ratio[np.ix_(known, mine)] if ratio.shape[1] else 0.0, 0.0)

@@ -182,6 +182,8 @@ class SortFilter:
         self._widen(boxes, appearance)
         dt = 0.0 if self._t_ns is None else (found.t_ns - self._t_ns) / NS
         self._t_ns = found.t_ns
+        if not len(boxes) and not len(self.targets.id):
+            return self._empty(found.t_ns, frame)
         self._predict(dt)
         z, noise = states_of(boxes), self._noise(boxes)
         visible = visible_shares(boxes_of(self.targets.mean[..., 0]), self._weights())
@@ -204,6 +206,14 @@ class SortFilter:
         out = self._rows(found.t_ns, frame, shown, detected, visible)
         events += self._end(detected)
         return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, initiated])])
+
+    def _empty(self, t_ns: int, frame: int) -> FrameTracks:
+        """Update the statistics of clutter with a frame without boxes and tracks, as `step` does."""
+        none, no_rows = np.zeros(0), np.zeros(0, dtype=np.int64)
+        self.learned.add_scores(none, no_rows, no_rows)
+        events = self._encounters.add(t_ns, no_rows, np.zeros((0, 0)), no_rows, no_rows)
+        shown = np.zeros(0, dtype=np.bool_)
+        return self._rows(t_ns, frame, shown, shown, none)._replace(events=tuple(events))
 
     def finish(self) -> tuple[Event, ...]:
         """Return the events of the encounters that are going on at the end."""

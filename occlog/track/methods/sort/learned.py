@@ -44,7 +44,7 @@ class ImageDetectorStatistics:
         shares = np.array(TRUE_SHARES)
         self._true = PRIOR_BOXES * shares / shares.sum()
         self._false = 10.0 * np.array(CLUTTER_RATES)
-        self._looks = 10.0
+        self._false_frames = 10.0
         self.similarities = np.zeros((2, 3))
 
     def detection(self, visible: Floats) -> Floats:
@@ -71,7 +71,7 @@ class ImageDetectorStatistics:
             score: (M,) confidences; NaN: none.
             area: area of the image [px^2].
         """
-        density = (self._false / self._looks)[_scores(score)] / (area * STATE_VOLUME)
+        density = (self._false / self._false_frames)[_scores(score)] / (area * STATE_VOLUME)
         return np.asarray(np.log(self._shares(score)) - np.log(density))
 
     def birth_probability(self, score: Floats) -> Floats:
@@ -80,7 +80,9 @@ class ImageDetectorStatistics:
         They lie between `MIN_BIRTH` and `MAX_BIRTH`.
         """
         initiated = BIRTHS_PER_FRAME * self._shares(score)
-        return np.clip(initiated / (initiated + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
+        return np.clip(
+            initiated / (initiated + (self._false / self._false_frames)[_scores(score)]), MIN_BIRTH, MAX_BIRTH
+        )
 
     def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
         """Add the confidences `score` (M,) of a frame's boxes to those of people and of clutter.
@@ -90,7 +92,7 @@ class ImageDetectorStatistics:
         """
         kept = 1.0 - 1.0 / MEMORY_FRAMES
         self._false = kept * self._false + np.bincount(_scores(score[clutter]), minlength=SCORE_BINS + 1)
-        self._looks = kept * self._looks + 1.0
+        self._false_frames = kept * self._false_frames + 1.0
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 
     def add_similarity(self, kind: int, values: Floats) -> None:
