@@ -313,3 +313,16 @@ def test_other_forms_of_json_are_named_with_what_to_write(tmp_path: Path) -> Non
     write(tmp_path / "pose", '{"version": 1.3, "people": []}', "a_000_keypoints.json")
     with pytest.raises(InputError, match="keypoints of OpenPose"):
         read(BoxFile(tmp_path / "pose", "a"))
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_header_line_that_begins_with_a_number_sign_names_the_columns(tmp_path: Path, mark: str) -> None:
+    """As `numpy.savetxt` writes it."""
+    names = "frame,left,top,right,bottom,confidence"
+    commented = write(tmp_path, f"{mark}# {names}\n0.0,1,2,3,4,0.5\n2.0,1,2,3,4,0.5\n")
+    plain = write(tmp_path, f"{names}\n0,1,2,3,4,0.5\n2,1,2,3,4,0.5\n", "plain.csv")
+    ours, same = read(BoxFile(commented, "cam"))[0], read(BoxFile(plain, "cam"))[0]
+    for column in ("frame", "left_px", "width_px", "confidence"):
+        np.testing.assert_array_equal(getattr(ours, column), getattr(same, column))
+    mot = write(tmp_path, "# frame,id,left,top,width,height,conf\n1,-1,1,2,3,4,1\n2,-1,1,2,3,4,1\n")
+    assert read(BoxFile(mot, "cam"))[0].frame.min() == 0

@@ -438,6 +438,7 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             if reader is None and (stated := _SEPARATOR.match(line)) is not None:
                 reader = stated[1]
                 continue
+            text = text.removeprefix("#").strip()  # of a commented header line
             if reader is None:
                 reader = _delimiter(text)
             cells = _cells(text, reader)

@@ -22,7 +22,16 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, option
 from occlog.io.files.names import last_number
-from occlog.io.files.texts.csv_rows import MAX_CELL, ROWS_PER_CHUNK, CsvRows, first_line, read_plain, read_rows
+from occlog.io.files.texts.csv_rows import (
+    MAX_CELL,
+    ROWS_PER_CHUNK,
+    CsvRows,
+    commented_header,
+    first_line,
+    read_plain,
+    read_rows,
+)
+from occlog.io.files.texts.formats import Probe
 from occlog.io.files.timing.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
@@ -242,6 +251,17 @@ MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
 _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
+def commented_columns(probe: Probe) -> list[str]:
+    """Column names of a table of boxes, in lower case, in a first line that begins with `#`.
+
+    Empty without such a line, and if the columns are in the order of MOTChallenge, which counts frames from 1.
+    """
+    names = [n.lower() for n in commented_header(probe.path, WHAT)] if probe.start.startswith(b"#") else []
+    order = [next((name for name, aliases in COLUMNS.items() if each in aliases), each) for each in names[:6]]
+    is_table = "frame" in order and {*names} & {*ACROSS, BOX, LIST}
+    return names if is_table and tuple(order) != MOT_COLUMNS[:6] else []
+
+
 def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Open a table of boxes with a header line (CSV).
 
@@ -252,7 +272,8 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
     known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,), LIST: (LIST,)}
-    head = {cell.lower() for cell in first_line(path, WHAT)}
+    commented = commented_columns(Probe(path, WHAT))
+    head = {*commented} or {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
             f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})",
@@ -260,7 +281,8 @@ def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows
         )
     if not head & {*COLUMNS["frame"]}:
         known["image"] = IMAGE
-    for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra):
+    named = bool(commented)
+    for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra, commented=named):
         yield check_columns(_split_box(_of_images(rows)), camera)
 
 

@@ -45,6 +45,7 @@ from .columns import (
     BoxReadOptions,
     BoxSource,
     both_sizes,
+    commented_columns,
     disagree,
     open_csv,
     open_mot,
@@ -758,6 +759,11 @@ def is_json(probe: Probe) -> bool:
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 
+def is_table(probe: Probe) -> bool:
+    """Whether a text file has a line that names its columns, which may begin with `#`."""
+    return is_header(probe.cells) or bool(commented_columns(probe))
+
+
 ZIP_MAGIC = b"PK\x03\x04"
 """First bytes of a ZIP archive, and of a workbook of Excel."""
 BoxFormat = FileFormat[Callable[[Path, BoxReadOptions], BoxSource]]
@@ -768,7 +774,7 @@ FORMATS: dict[str, BoxFormat] = {
     "json": BoxFormat(open_json, "JSON: COCO, or records of supervision and Ultralytics", is_json),
     "vatic": BoxFormat(open_vatic, "VATIC text (CAMPUS), one camera", by_cells(is_vatic)),
     "kitti": BoxFormat(open_kitti, "KITTI's text of tracked boxes, one camera", by_cells(is_kitti)),
-    "csv": BoxFormat(open_csv, "a table (CSV) with a header line", by_cells(is_header)),
+    "csv": BoxFormat(open_csv, "a table (CSV) with a header line", is_table),
     "mot": BoxFormat(open_mot, "MOTChallenge text, one camera", lambda _: True),
 }
 """Every format of boxes; text of no other one is taken for that of MOTChallenge."""
@@ -782,7 +788,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
     name = recognise(FORMATS, probe)
     assert name is not None
     if name == "csv":
-        _check_corner(file.path, set(probe.cells))
+        _check_corner(file.path, {*(commented_columns(probe) or probe.cells)})
     return FORMATS[name].read(file.path, BoxReadOptions(file.camera, known, options.ignore_extra))
 
 
