@@ -122,6 +122,7 @@ METRICS_OF_GROUP: dict[str, tuple[tuple[str, ...], ...]] = {
         ("matched_nees_compared", "rows with a NEES"),
         ("objects", "true rows", "", "", "l"),
         ("objects_interpolated", "true rows, interpolated", "", "", "l"),
+        ("tracks_interpolated", "track rows, interpolated", "", "", "l"),
         ("objects_ignored", "true rows that do not count"),
         ("overlap", "overlap from which boxes match"),
         ("estimates_compared", "rows compared"),

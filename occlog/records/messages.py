@@ -328,6 +328,11 @@ VERDICT: dict[str, Message] = {
         "world axes of tracks and truth differ: " + _MEET,
         "give the truth in the world of the scene",
     ),
+    "truth-frames-in-steps": Message(
+        W,
+        "the truth has one frame in {step} only: {share:.0%} of the tracks' boxes are in others and count as false",
+        "leave these frames out of the tracks",
+    ),
     "boxes-fit-if": Message(
         W,
         "boxes of tracks and truth differ: {now:.0%} overlap a true one, {fit:.0%} after changing the tracks: {change}",
@@ -949,7 +954,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-late": Message(
         W,
-        "array {sensors}: microphone {microphones} is {samples} samples {side}, by its delays to the others",
+        "array {sensors}: microphone {microphones} is {side} by {samples} samples, by its delays to the others",
         "record all channels with one clock, or shift the channel",
     ),
     "microphone-unrelated": Message(

@@ -8,7 +8,7 @@ sample of both tables; the first that makes them agree is reported.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
 from typing import NamedTuple
@@ -189,6 +189,8 @@ TIMES_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "minutes": 60.0, "hours": 3600.0,
 """Units of times, but seconds [s]."""
 TIME_UNITS = tuple(factor for unit in TIMES_S.values() for factor in (unit, 1.0 / unit))
 LENGTH_UNITS = (1e-3, 1e3, 1e-2, 1e2, 0.1, 10.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254)
+GRID = {0.0254: 0.025, 1.0 / 0.0254: 40.0}
+"""Cells of 2.5 cm, in which data sets of people number the floor, by the factor of inches, which is close to them."""
 MAX_STEPS = 600
 """Shifts to each side that are tried."""
 MAX_RATE, MIN_RATE = 100.0, 0.02
@@ -308,14 +310,25 @@ def _changes(tracks: PositionSamples, truth: PositionSamples, gate: float) -> It
     yield Alternative("axes-differ", "", _met(tracks, truth, gate))  # of a truth other than the given one
     yield from _changes_of_time(tracks, truth, gate)
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
-        # In the larger unit of both, as the gate is a length that people are apart
-        ours, theirs = min(scale, 1.0), max(scale, 1.0)
-        turned = PositionSamples(tracks.t, ours * tracks.xy @ np.array(matrix, dtype=np.float64).T)
-        met = _met(turned, PositionSamples(truth.t, truth.xy / theirs), gate)
+        met = _met(*_scaled(tracks, truth, scale, matrix), gate)
+        if scale in GRID and met >= MIN_MET:
+            near = {s: _met(*_scaled(tracks, truth, s, matrix), NARROW**2 * gate) for s in (scale, GRID[scale])}
+            scale = max(near, key=lambda s: near[s])
         words = [f"lengths times {scale:.6g}"] if scale != 1.0 else []
         id = "length-unit-differs" if scale != 1.0 else "axes-differ"
         yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met, METRES, scale)
     yield from _rotations(tracks, truth, gate)
+
+
+def _scaled(
+    tracks: PositionSamples, truth: PositionSamples, scale: float, matrix: Sequence[Sequence[float]]
+) -> tuple[PositionSamples, PositionSamples]:
+    """Return tracks with their axes changed by `matrix` (2, 2) and lengths times `scale`, and the truth.
+
+    In the larger unit of both, as the gate is a length that people are apart.
+    """
+    turned = PositionSamples(tracks.t, min(scale, 1.0) * tracks.xy @ np.array(matrix, dtype=np.float64).T)
+    return turned, PositionSamples(truth.t, truth.xy / max(scale, 1.0))
 
 
 def _changes_of_time(tracks: PositionSamples, truth: PositionSamples, gate: float) -> Iterator[Alternative]:

@@ -35,6 +35,9 @@ REFLECTION_CELL_PX = 4.0
 """Size of the cells of the search for the size of images that are mirrored."""
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
+MIN_ANNOTATED, MIN_BETWEEN = 10, 0.3
+"""True frames with a common step from which other frames may have no annotation, and the share of the tracks' boxes in
+these that is reported."""
 RATES = (2.0, 0.5, 3.0, 5.0)
 """Factors between frame numbers of every n-th frame that are counted from 0."""
 
@@ -104,6 +107,12 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
     if not (len(tracks.frame) and len(truth.frame)):
         return
     now, best = fit(tracks, truth), BoxChange("", 0.0)
+    annotated = np.unique(truth.frame)
+    between = 1.0 - np.isin(tracks.frame, annotated).mean()
+    step = int(np.gcd.reduce(np.diff(annotated))) if len(annotated) >= MIN_ANNOTATED else 1
+    if step > 1 and now >= MIN_FIT and between > MIN_BETWEEN:
+        yield finding(FITS, "truth-frames-in-steps", step=step, share=between)
+        return
     for words, changed in _changes(tracks, truth):
         share = fit(changed, truth)
         if share >= max(MIN_FIT, now + MIN_MORE) and share > best.fit + SIMPLER:

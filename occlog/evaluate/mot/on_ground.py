@@ -139,7 +139,8 @@ class GroundFigures:
         none = np.zeros(0, dtype=np.int64)
         empty = Objects(none, none, np.zeros((0, 2)))
         self._mot = MotFigures(numbered(of_points(empty, empty, limit), *self._keys), config)
-        self._owners, self._failures, self._interpolated = AssignedTargets(config.assigned_target), FailureCounts(), 0
+        self._owners, self._failures = AssignedTargets(config.assigned_target), FailureCounts()
+        self._interpolated = np.zeros(2, dtype=np.int64)  # positions of the truth and of tracks
         self._labels: tuple[set[int], set[int]] = set(), set()
         self._moda_limit = config.moda_distance or limit
         self._moda_matcher, self._moda = Matcher(g, EACH_FRAME), ClearCounts(g)
@@ -184,7 +185,9 @@ class GroundFigures:
         The pairs of the part are then in `own_pairs`.
         """
         points, frames = part.points, self._frames_of(part)
-        self._interpolated += _interpolated(points, part.targets)
+        times = points.t_ns[0]
+        self._interpolated[0] += _interpolated(points.truth, times, part.targets)
+        self._interpolated[1] += _interpolated(points.tracks, times, paths_of(part.rows))
         made = self._mot.update(frames)
         near = frames._replace(limit=self._moda_limit)
         self._moda.update(near, self._moda_matcher.update(near))
@@ -220,7 +223,8 @@ class GroundFigures:
     def result(self) -> Metrics:
         """Return all figures by name."""
         unit, cells = self._unit, self._cells
-        out = self._failures.result() | {"objects_interpolated": self._interpolated}
+        names = ("objects_interpolated", "tracks_interpolated")
+        out = self._failures.result() | dict(zip(names, self._interpolated.tolist(), strict=True))
         out |= self._mot.result(cells, unit=unit) | {"frames": cells}
         out |= self._detection() | self._trajectory(cells, unit)
         out |= self._pairs.result() | {f"matched_gate_{unit}": self._limit} | self._counts.result()
@@ -408,14 +412,13 @@ class CountSums:
         }
 
 
-def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """Return how many true positions in `points` are interpolated, i.e. are at times without a sample of the object.
+def _interpolated(objects: Objects, times: Ints, paths: Mapping[int, ObjectPath]) -> int:
+    """Return how many positions in `objects` are interpolated, i.e. are at times without a sample of the object.
 
-    `paths`: true paths by identity.
+    `times` (F,): times of the frames [ns]; `paths`: samples by identity.
     """
-    times = points.t_ns[0]
-    mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
-    return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
+    mine = ((path, times[objects.frame[objects.label == k]]) for k, path in paths.items())
+    return len(objects.frame) - sum(int(np.count_nonzero(path.sampled(at))) for path, at in mine)
 
 
 def times_of(tracks: Tracks, truth: Truth) -> Ints:

@@ -194,7 +194,7 @@ class PeopleSummary(_Counts):
             name: {
                 "boxes": int(tally.boxes[c]),
                 "associated": round(float(used[c]), 1),
-                "unassociated": round(float(tally.boxes[c] - used[c]), 1),
+                "unassociated": round(max(float(tally.boxes[c] - used[c]), 0.0), 1),
                 **({"confirmed": int(self.agreement.confirmed[c])} if len(self.inputs.names) > 1 else {}),
                 **({"outside_image": int(tally.outside[c])} if tally.outside[c] else {}),
                 **({"duplicates": int(tally.twice[c])} if tally.twice[c] else {}),

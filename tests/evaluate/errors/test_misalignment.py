@@ -206,7 +206,7 @@ def test_other_clocks_are_named(times: Any, id: str, words: str) -> None:
     assert (found[0].id, found[0].change) == (id, words)
 
 
-@pytest.mark.parametrize("factor", [100.0, 1000.0, 1.0 / 0.3048])
+@pytest.mark.parametrize("factor", [100.0, 1000.0, 1.0 / 0.3048, 1.0 / 0.0254, 40.0])
 def test_a_truth_in_a_smaller_unit_is_named(factor: float) -> None:
     truth = positions(3)
     rng = np.random.default_rng(3)

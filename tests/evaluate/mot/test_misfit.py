@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
+from occlog.evaluate.mot.misfit import SampledBoxes, misfit
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -102,3 +103,14 @@ def test_nothing_is_reported_of_tracks_that_fit_or_of_other_objects(
     truth = rows(2)
     assert evaluated(tmp_path, truth, truth, capsys) == []
     assert evaluated(tmp_path, rows(3), truth, capsys) == []
+
+
+@pytest.mark.parametrize("step", [1, 5])
+def test_a_truth_of_key_frames_is_named(step: int) -> None:
+    frame = np.repeat(np.arange(1, 101), 2)
+    ltwh = np.column_stack([100.0 * (np.arange(200) % 2), frame, np.full(200, 50.0), np.full(200, 90.0)])
+    tracks = SampledBoxes(frame, np.zeros(200, np.int64), np.arange(200) % 2, ltwh)
+    known = (frame - 1) % step == 0
+    truth = SampledBoxes(*(column[known] for column in tracks))
+    ids = [check.id for check in misfit(tracks, truth, {"mota": -3.0}) if check.found]
+    assert ids == (["truth-frames-in-steps"] if step > 1 else [])

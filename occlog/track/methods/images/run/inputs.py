@@ -293,14 +293,15 @@ def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[
     Two recordings may have the same times and cameras; a copy is another file too, so this is no error.
 
     Args:
-        tracks: the tracks; tables that `occlog track` did not make from video are not judged.
+        tracks: the tracks; tables that `occlog track` did not make from recordings are not judged.
         recordings: files that belong to the tracks, as given by the user; those without video are passed over.
     """
     made = video_provenance(tracks)
-    if made is None or not made.inputs:
+    inputs = made.inputs if made is not None else ()
+    names = ", ".join(name for name, _ in inputs if name.lower().endswith(".mcap"))
+    if not names:
         return []
-    used = {digest for _, digest in made.inputs}
-    names = ", ".join(name for name, _ in made.inputs if name.lower().endswith(".mcap")) or made.inputs[0][0]
+    used = {digest for _, digest in inputs}
     return [
         f"{path}: {tracks} was made from another file ({names}); right only if both are of the same video"
         for path in dict.fromkeys(recordings)
