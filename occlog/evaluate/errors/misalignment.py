@@ -37,8 +37,9 @@ MIN_WINDOWS = 6
 """Minimum number of windows for a delay."""
 FALSE_PROBABILITY = 1e-4
 """Probability with which errors without a delay are taken for one."""
-MIN_GAIN = 0.25
-"""Share of the squared errors that a delay must explain to matter."""
+MIN_GAIN, MIN_STEPS, LARGE_GAIN = 0.25, 0.6, 0.5
+"""Share of the squared errors that a delay must explain to matter; a filter lags by a part of a time step in turns, so
+that a delay of less than this part of a step must explain the second share."""
 HALF_STEP_NS = NS // 10
 """Velocities of targets are differences of positions this time before and after."""
 
@@ -73,7 +74,7 @@ class DelaySums:
 
     def __init__(self) -> None:
         """Create sums without pairs."""
-        self._width = WINDOW_NS
+        self._width, self._step_ns = WINDOW_NS, 0.0
         # Of each window: n, sums of v (2), e (2), v v, e v, e e
         self._windows: dict[int, Floats] = {}
 
@@ -88,6 +89,8 @@ class DelaySums:
         good = np.isfinite(velocity).all(axis=1) & np.isfinite(error).all(axis=1)
         e, v = error[good], velocity[good]
         columns = (np.ones(len(e)), *v.T, *e.T, np.sum(v * v, axis=1), np.sum(e * v, axis=1), np.sum(e * e, axis=1))
+        times = np.unique(t_ns[good])
+        self._step_ns = max(self._step_ns, float(np.median(np.diff(times)))) if len(times) > 1 else self._step_ns
         windows, number = np.unique(t_ns[good] // self._width, return_inverse=True)
         sums = np.stack([np.bincount(number, column, len(windows)) for column in columns], axis=1)
         for window, row in zip(windows.tolist(), sums, strict=True):
@@ -126,7 +129,9 @@ class DelaySums:
         found = self.estimate()
         if found is None:
             return outcome(DELAY, (), unless="too few pairs with a target that moves")
-        matters = abs(found.seconds) > found.limit * found.sigma and found.gain > MIN_GAIN
+        short = abs(found.seconds) < MIN_STEPS * self._step_ns / NS
+        large = found.gain > (LARGE_GAIN if short else MIN_GAIN)
+        matters = abs(found.seconds) > found.limit * found.sigma and large
         reported = [_delayed(found, *self._rmse(found), unit)] if matters else []
         return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
