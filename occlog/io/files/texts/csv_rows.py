@@ -52,6 +52,8 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _NUMBER = re.compile(r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
+IDENTITIES = ("id", "target_id", "source_id", "occluder_id")
+"""Columns of identities, which some programs write as texts."""
 COARSEST = 0.01
 """Lengths that are held or written to less than this (in m, or in a unit that is not stated) have been rounded."""
 
@@ -175,6 +177,9 @@ class CsvRows:
             return self.fail(row, f"{name} is missing ({cell!r}); remove this {self.location}, or give the value")
         if _DECIMAL_COMMA.match(cell):
             return self.fail(row, f"{name} is {cell!r}, with a decimal comma; write it with a point")
+        if name in IDENTITIES and not _NUMBER.match(cell):
+            remedy = "number identities: ids = pandas.factorize(ids)[0]"
+            return self.fail(row, f"{name} is {cell[:40]!r}; {wanted} was expected; {remedy}")
         return self.fail(row, f"{name} is {cell!r}; {wanted} was expected; correct this {self.location}")
 
     def steps(self, name: str) -> Floats:
@@ -238,7 +243,7 @@ class CsvRows:
         slips = np.char.find(cells, "_") >= 0
         if slips.any():
             row = int(np.flatnonzero(slips)[0])
-            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.location}")
+            raise self._no_number(name, row, "a number")
         return cells
 
     def has(self, name: str) -> bool:
