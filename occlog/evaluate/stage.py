@@ -271,8 +271,8 @@ class Evaluator:
                 against.update(found)
                 aligned.update(found, part.targets, config.limit_ns)
             elif ground is not None and frames is not None:
-                against.update_pairs(ground.own_pairs.target, ground.own_pairs.nees)
-                aligned.update_pairs(*ground.own_pairs[:3], part.targets, config.limit_ns)
+                against.update_pairs(ground.pairs.target[ground.pairs.own], ground.pairs.nees)
+                aligned.update_pairs(*ground.pairs[:3], part.targets, config.limit_ns)
         if seen is not None:
             seen.finish(take)
         try:

@@ -302,6 +302,11 @@ VERDICT: dict[str, Message] = {
         "{without:.3g} {unit}",
         "check frame numbers, clocks and process noise",
     ),
+    "tracks-clock-drift": Message(
+        W,
+        "clock of the tracks about {ppm:.2g} ppm too {side} for the truth: RMSE {rmse:.3g}, without {without:.3g} {unit}",
+        "check frame rates (29.97 for 30 fps) and clocks",
+    ),
     "time-unit-differs": Message(
         W,
         "times of tracks and truth differ in unit: " + _MEET,

@@ -64,6 +64,29 @@ class Delay(NamedTuple):
     limit: float
 
 
+class ClockDrift(NamedTuple):
+    """A delay of the tracks that changes linearly with time.
+
+    Attributes:
+        rate: its change [s/s].
+        sigma: the standard error of the change [s/s].
+        gain: share of the squared errors, without their mean, that the delay and its change explain.
+        limit: multiple of its standard error that the change exceeds with `FALSE_PROBABILITY` if there is none.
+        without: RMSE of the pairs without the delay, in the unit of lengths.
+    """
+
+    rate: float
+    sigma: float
+    gain: float
+    limit: float
+    without: float
+
+    def matters(self, constant: Delay) -> bool:
+        """Whether the change is significant, and halves the squared errors that a constant delay leaves."""
+        halved = 1.0 - self.gain < LARGE_GAIN * (1.0 - constant.gain)
+        return abs(self.rate) > self.limit * self.sigma and halved
+
+
 class DelaySums:
     """Sums over pairs of estimate and target, by intervals of time, from which the delay is estimated.
 
@@ -103,23 +126,56 @@ class DelaySums:
 
     def estimate(self) -> Delay | None:
         """Return the estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
-        sums = np.array([self._windows[k] for k in sorted(self._windows)]).reshape(-1, 8)
+        centred = self._centred()
+        if centred is None:
+            return None
+        _, ve, v2, left, _ = centred
+        slope, windows = ve.sum() / v2.sum(), len(ve)
+        variance = np.sum((ve - slope * v2) ** 2) / v2.sum() ** 2 * windows / (windows - 1)
+        return Delay(-float(slope), math.sqrt(variance), float(slope**2 * v2.sum() / left), _limit(windows - 1))
+
+    def drift(self) -> ClockDrift | None:
+        """Return the estimated linear change of the delay; None as for `estimate`, or if it is not determined."""
+        centred = self._centred()
+        if centred is None:
+            return None
+        seconds, ve, v2, left, mean_square = centred
+        X = np.column_stack([np.ones(len(ve)), seconds - np.average(seconds, weights=v2)])
+        normal = X.T @ (v2[:, None] * X)
+        if np.linalg.cond(normal) > 1e12:
+            return None
+        slopes = np.linalg.solve(normal, X.T @ ve)
+        scores = X * (ve - v2 * (X @ slopes))[:, None]
+        inverse, windows = np.linalg.inv(normal), len(ve)
+        covariance = inverse @ scores.T @ scores @ inverse * windows / (windows - 2)
+        explained = float(slopes @ X.T @ ve)
+        without = math.sqrt(max(mean_square * (1.0 - explained / left), 0.0))
+        return ClockDrift(
+            -float(slopes[1]), math.sqrt(covariance[1, 1]), explained / left, _limit(windows - 2), without
+        )
+
+    def _centred(self) -> tuple[Floats, Floats, Floats, float, float] | None:
+        """Return sums over pairs with errors and velocities less their means.
+
+        None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity.
+
+        Returns:
+            (W,) times of the intervals [s], (W,) sums of products of velocity and error in them, (W,) of squared
+            velocities, the sum of all squared errors, and that over the number of pairs.
+        """
+        keys = sorted(self._windows)
+        sums = np.array([self._windows[k] for k in keys]).reshape(-1, 8)
         if len(sums) < MIN_WINDOWS:
             return None
-        n, v, e, vv, ev, ee = _parts(sums.sum(axis=0))
+        n, v, e, vv, _, ee = _parts(sums.sum(axis=0))
         v_mean, e_mean = v / n, e / n
         spread, left = vv - n * v_mean @ v_mean, ee - n * e_mean @ e_mean
         if not (spread > 1e-9 * max(vv, 1e-30) and left > 0.0):
             return None
-        slope = (ev - n * e_mean @ v_mean) / spread
-        # Scores of the windows: sum of (v - v_mean) (e - e_mean - slope (v - v_mean))
         counts, vs, es = sums[:, 0], sums[:, 1:3], sums[:, 3:5]
         ve = sums[:, 6] - vs @ e_mean - es @ v_mean + counts * (v_mean @ e_mean)
         v2 = sums[:, 5] - 2.0 * vs @ v_mean + counts * (v_mean @ v_mean)
-        windows = len(sums)
-        variance = np.sum((ve - slope * v2) ** 2) / spread**2 * windows / (windows - 1)
-        limit = -float(stdtrit(windows - 1.0, 0.5 * FALSE_PROBABILITY))
-        return Delay(-float(slope), math.sqrt(variance), float(slope**2 * spread / left), limit)
+        return (np.array(keys) - keys[0]) * (self._width / NS), ve, v2, float(left), float(left / n)
 
     def checks(self, unit: str) -> tuple[Check, ...]:
         """Return the check of the delay, with a warning if it is significant and explains enough of the errors.
@@ -133,6 +189,9 @@ class DelaySums:
         large = found.gain > (LARGE_GAIN if short else MIN_GAIN)
         matters = abs(found.seconds) > found.limit * found.sigma and large
         reported = [_delayed(found, *self._rmse(found), unit)] if matters else []
+        drift = self.drift()
+        if drift is not None and drift.matters(found):
+            reported = [_drifting(drift, self._rmse(found)[0], unit)]
         return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
@@ -153,6 +212,23 @@ def _delayed(found: Delay, rmse: float, without: float, unit: str) -> Check:
         without=without,
         unit=unit,
     )
+
+
+def _drifting(found: ClockDrift, rmse: float, unit: str) -> Check:
+    return finding(
+        DELAY,
+        "tracks-clock-drift",
+        ppm=1e6 * abs(found.rate),
+        side="fast" if found.rate > 0.0 else "slow",
+        rmse=rmse,
+        without=found.without,
+        unit=unit,
+    )
+
+
+def _limit(degrees: float) -> float:
+    """Return the multiple of a standard error that Student's t exceeds with `FALSE_PROBABILITY`, on both sides."""
+    return -float(stdtrit(degrees, 0.5 * FALSE_PROBABILITY))
 
 
 def _parts(total: Floats) -> tuple[float, Floats, Floats, float, float, float]:

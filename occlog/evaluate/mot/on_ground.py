@@ -85,17 +85,22 @@ class EvaluatedPart(NamedTuple):
     over: tuple[Bools, Bools] | None = None  # of each target and track whether no row is to come; None: not known
 
 
-class OwnPairs(NamedTuple):
-    """n pairs of a target and a track in one frame, where the track has a row at that time (is not interpolated).
+class FramePairs(NamedTuple):
+    """n pairs of a target and a track, each in one frame.
 
-    `target`: (n,) identity of the target; `t_ns`: (n,) times [ns]; `error`: (n, 2) estimate minus truth; `nees`: (n,)
-    normalised estimation errors squared.
+    Attributes:
+        target: (n,) identity of the target.
+        t_ns: (n,) times [ns].
+        error: (n, 2) estimate minus truth, where the estimate may be interpolated between rows of the track.
+        own: (n,) whether the track has a row at that time.
+        nees: (number of those,) normalised estimation errors squared of the pairs in `own`.
     """
 
-    target: Ints  # (n,) its identity
-    t_ns: Ints  # (n,)
-    error: Floats  # (n, 2) estimate minus truth
-    nees: Floats  # (n,)
+    target: Ints
+    t_ns: Ints
+    error: Floats
+    own: Bools
+    nees: Floats
 
 
 class GroundFigures:
@@ -154,7 +159,7 @@ class GroundFigures:
         )
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
-        self.own_pairs = OwnPairs(none, none, np.zeros((0, 2)), np.zeros(0))
+        self.pairs = FramePairs(none, none, np.zeros((0, 2)), none.astype(np.bool_), np.zeros(0))
         """Pairs of the last part."""
 
     @classmethod
@@ -182,7 +187,7 @@ class GroundFigures:
     def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
         """Second pass: add a part, in the order of time; return its numbers of targets and tracks, and its failures.
 
-        The pairs of the part are then in `own_pairs`.
+        The pairs of the part are then in `pairs`.
         """
         points, frames = part.points, self._frames_of(part)
         times = points.t_ns[0]
@@ -197,7 +202,7 @@ class GroundFigures:
             for each in self._windows.update(frames, ends):
                 self._window_sum.add(each.ospa2)
         self._trajectories.update(frames, part.begin, part.over)
-        self.own_pairs = self._pairs.update(frames, self._each_matcher.update(frames), points, part.rows)
+        self.pairs = self._pairs.update(frames, self._each_matcher.update(frames), points, part.rows)
         counts = counts_over_time(frames, made, points, part.begin)
         self._counts.update(counts)
         found = find_failures(points, self._owners)
@@ -288,8 +293,8 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def update(self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks) -> OwnPairs:
-        """Add frames; return the pairs in which the track has a row at the time.
+    def update(self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks) -> FramePairs:
+        """Add frames, and return their pairs.
 
         Args:
             frames: truth and tracks.
@@ -310,7 +315,7 @@ class PairErrors:
         self._distances.update(distance)
         self._squares.add(float(np.sum(np.square(distance))))
         self._pairs += len(distance)
-        return OwnPairs(points.truth.label[true[own]], times[own], error[own], nees)
+        return FramePairs(points.truth.label[true], times, error, own, nees)
 
     def merge(self, other: PairErrors) -> None:
         """Add the pairs of another recording to these."""

@@ -74,6 +74,24 @@ def test_a_lag_of_part_of_a_time_step_must_explain_half_of_the_errors(step_s: fl
         assert any(check.found for check in sums.checks("m")) == (found or always)
 
 
+@pytest.mark.parametrize("ppm", [-1000.0, 0.0, 1000.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_frame_rate_of_ntsc_in_place_of_its_nominal_one_is_named(ppm: float, seed: int) -> None:
+    """Over ten minutes errors were six times as large, without a word."""
+    rng = np.random.default_rng(seed)
+    t_ns = (np.arange(6000) * 0.1 * NS).astype(np.int64)
+    v = np.repeat(rng.normal(size=(200, 2)), 30, axis=0)
+    lasting_error = np.repeat(rng.normal(0.0, 0.05, (600, 2)), 10, axis=0)
+    sums = DelaySums()
+    for part in np.split(np.arange(6000), [1000, 3500]):
+        sums.update(t_ns[part], (lasting_error - 1e-6 * ppm * t_ns[:, None] / NS * v)[part], v[part])
+    found = {check.id: check.figures for check in sums.checks("m") if check.found}
+    assert list(found) == (["tracks-clock-drift"] if ppm else [])
+    if ppm:
+        assert found["tracks-clock-drift"]["ppm"] == pytest.approx(1000.0, rel=0.05)
+        assert found["tracks-clock-drift"]["without"] < 0.1
+
+
 def test_the_delay_is_that_of_a_regression_with_a_constant() -> None:
     rng = np.random.default_rng(0)
     v, t_ns = rng.normal(size=(400, 2)), np.sort(rng.integers(0, 40 * NS, 400))
