@@ -304,7 +304,7 @@ VERDICT: dict[str, Message] = {
     ),
     "tracks-clock-drift": Message(
         W,
-        "clock of the tracks about {ppm:.2g} ppm too {side} for the truth: RMSE {rmse:.3g}, without {without:.3g} {unit}",
+        "tracks: clock about {ppm:.2g} ppm too {side} for the truth: RMSE {rmse:.3g}, without {without:.3g} {unit}",
         "check frame rates (29.97 for 30 fps) and clocks",
     ),
     "time-unit-differs": Message(
