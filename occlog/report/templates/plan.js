@@ -92,6 +92,16 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
     return { targets: out, others };
   };
 
+  // Distance from a sensor to the border of the plan in a direction; without a border ahead a part of its diagonal
+  const toBorder = (sensor, angle) => {
+    const ahead = [sensor.x, sensor.y].map((p, k) => {
+      const along = k ? Math.sin(angle) : Math.cos(angle);
+      return Math.abs(along) < 1e-9 ? Infinity : ((along > 0 ? high : low)[k] - p) / along;
+    });
+    const reach = Math.min(...ahead);
+    return reach > 0 && reach < Infinity ? reach : 0.35 * Math.hypot(high[0] - low[0], high[1] - low[1]);
+  };
+
   // The part of the floor that a body hides from a camera: between its two tangents, up to the end of its shadow
   const shadow = (camera, at, bodyWidth, bodyHeight) => {
     const dx = at[0] - camera.x, dy = at[1] - camera.y, far = Math.hypot(dx, dy), r = bodyWidth / 2;
@@ -217,7 +227,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
         const sensor = data.sensors[sight.sensor[i]], target = sight.target[i];
         if (hiddenTargets.has(target)) continue;
         const angle = (sight.angle[i] * 2 * Math.PI) / 65536, at = where.get(target);
-        const reach = at ? Math.hypot(at[0] - sensor.x, at[1] - sensor.y) : 0.35 * Math.hypot(high[0] - low[0], high[1] - low[1]);
+        const reach = at ? Math.hypot(at[0] - sensor.x, at[1] - sensor.y) : toBorder(sensor, angle);
         const to2 = [sensor.x + reach * Math.cos(angle), sensor.y + reach * Math.sin(angle)];
         trace([[sensor.x, sensor.y], to2], false);
         pen.strokeStyle = target === NONE ? muted : colourOf(style, target);
