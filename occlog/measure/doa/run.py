@@ -200,6 +200,10 @@ def _directions(
         yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
 
 
+MIN_APART = 1e-3
+"""Least distance of two microphones, over the largest one in the array."""
+
+
 def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, ...]) -> None:
     over = [c + 1 for c in channels if c >= sound.channels]
     if over:
@@ -210,6 +214,14 @@ def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, .
             f"{sound.path}: {have} channels, but array {array.name} has {len(array.microphones)} microphones; "
             f"choose the channels of the microphones with {option('channels')}, or correct `microphones`",
             id="incompatible-inputs",
+        )
+    apart = np.linalg.norm(array.microphones[:, None] - array.microphones, axis=2)
+    first, second = np.nonzero(np.triu(apart < MIN_APART * apart.max(initial=0.0), 1))
+    if len(first):
+        raise InputError(
+            f"{sound.path}: microphones {first[0] + 1} and {second[0] + 1} of array {array.name} have one and the same "
+            "position; correct it",
+            id="conflicting-values",
         )
 
 

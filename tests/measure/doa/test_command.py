@@ -180,3 +180,11 @@ def test_a_channel_that_is_late_is_named_with_its_samples(
     (found,) = json.loads(capsys.readouterr().out)["warnings"]
     assert found["id"] == "microphone-late"
     assert re.search(r"microphone 3 is 25[4-8] samples late", found["message"])
+
+
+def test_two_microphones_at_one_position_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = (folder / "scene.yaml").read_text()
+    (folder / "scene.yaml").write_text(scene.replace("[-0.060, 0.000, 0.000]", "[0.060, 0.000, 0.000]"))
+    assert run(["listen", "--scene", "scene.yaml", "mic1=mic1.wav", "-o", "d.parquet", *FAST]) == ExitCode.BAD_INPUT
+    assert "microphones 1 and 2 of array mic1" in capsys.readouterr().err
+    assert not (folder / "d.parquet").exists()
