@@ -201,7 +201,7 @@ def _directions(
 
 
 MIN_APART = 1e-3
-"""Least distance of two microphones, over the largest one in the array."""
+"""Distance of two microphones, over the median one in the array, up to which they are at one position."""
 
 
 def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, ...]) -> None:
@@ -216,7 +216,7 @@ def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, .
             id="incompatible-inputs",
         )
     apart = np.linalg.norm(array.microphones[:, None] - array.microphones, axis=2)
-    first, second = np.nonzero(np.triu(apart < MIN_APART * apart.max(initial=0.0), 1))
+    first, second = np.nonzero(np.triu(apart <= MIN_APART * np.median(apart), 1))
     if len(first):
         raise InputError(
             f"{sound.path}: microphones {first[0] + 1} and {second[0] + 1} of array {array.name} have one and the same "

@@ -179,7 +179,7 @@ def test_a_channel_that_is_late_is_named_with_its_samples(
     assert run(["listen", *words, "--json", "-q"]) == ExitCode.DONE
     (found,) = json.loads(capsys.readouterr().out)["warnings"]
     assert found["id"] == "microphone-late"
-    assert re.search(r"microphone 3 is 25[4-8] samples late", found["message"])
+    assert re.search(r"microphone 3 is late by 25[4-8] samples", found["message"])
 
 
 def test_two_microphones_at_one_position_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
