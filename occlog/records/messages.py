@@ -957,6 +957,11 @@ VERDICT: dict[str, Message] = {
         "array {sensors}: microphones {microphones} have the same signal, so that directions are wrong",
         "check how the channels were recorded and their order",
     ),
+    "microphone-drifts": Message(
+        W,
+        "array {sensors}: the clock of microphone {microphones} is {ppm:.0f} ppm {side}, by its delays to the others",
+        "record all channels with one clock, or resample the channel",
+    ),
     "microphone-late": Message(
         W,
         "array {sensors}: microphone {microphones} is {side} by {samples} samples, by its delays to the others",

@@ -51,6 +51,8 @@ than another, after an error of each is added; and the least number of frames.""
 MAX_MISFIT_SAMPLES, MAX_MISFIT_EXTENTS = 0.6, 0.25
 """Difference that no fault explains from which delays are not those of one sound: at least so many samples, and this
 share of the travel time across the array."""
+MIN_DRIFT_FRAMES, MAX_DRIFT_RESIDUAL = 8, 0.5
+"""Frames from which the clock of a channel is judged, and median difference of its delays from a line [samples]."""
 MAX_SLOWNESS = 1.15
 """Largest slowness of a wave relative to that of sound: errors of delays."""
 UNEQUAL = 10.0
@@ -192,6 +194,40 @@ class ChannelLags:
                 return Misfit(own, tuple(pair for pair, rest in exchanged.items() if rest <= limit), {})
             return Misfit(own, (), {channel: round(lag) for channel, (rest, lag) in late.items() if rest <= limit})
         return Misfit(own, (), {}) if own > max(MAX_MISFIT_SAMPLES, MAX_MISFIT_EXTENTS * extent) else None
+
+    def drift(self, microphones: Floats, rate: float) -> dict[int, float]:
+        """Drift [ppm] of a channel with a clock of its own, by number from 0; positive: its clock is slow.
+
+        Its delays to all others grow linearly with time, beyond what a source that moves can cause, and those between
+        the others do not. Empty if no channel or several are such.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
+        """
+        count, frames = len(microphones), len(self._frames)
+        if count < 3 or frames < MIN_DRIFT_FRAMES:
+            return {}
+        near = np.abs(np.fft.fftfreq(FRAME, 1.0 / FRAME)) <= FRAME / 8
+        t = np.arange(frames, dtype=np.float64)
+        rates, drifts = np.zeros((count, count)), np.zeros((count, count), dtype=np.bool_)
+        for i, j in combinations(range(count), 2):
+            lags = np.array([_delay(frame[i, j], near) for frame in self._frames])
+            known = np.isfinite(lags)
+            if known.sum() < MIN_SHARE * frames:
+                return {}
+            first, second = np.triu_indices(int(known.sum()), 1)
+            y, x = lags[known], t[known]
+            rates[i, j] = np.median((y[second] - y[first]) / (x[second] - x[first]))  # Theil-Sen
+            rates[j, i] = -rates[i, j]
+            left = y - rates[i, j] * x
+            rest = np.median(np.abs(left - np.median(left)))
+            moved = 2.0 * float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
+            drifts[i, j] = drifts[j, i] = abs(rates[i, j]) * frames > moved and rest < MAX_DRIFT_RESIDUAL
+        own = np.flatnonzero(drifts.sum(axis=1) == count - 1)
+        if len(own) != 1 or drifts.sum() != 2 * (count - 1):
+            return {}
+        return {int(own[0]): float(1e6 * np.median(np.delete(rates[:, own[0]], own[0])) / FRAME)}
 
     def slowness(self, microphones: Floats, rate: float) -> float | None:
         """Slowness of the fitted plane waves relative to that of sound, if it is implausible; None otherwise.
@@ -441,11 +477,22 @@ class Channels:
         """
         if self._microphones is None or self.silent() or self.similar() or self.late() or self.inverted():
             return None
+        if self.drift():
+            return None
         return None if self.unrelated() else self._lags.misfit(self._microphones, self._rate)
+
+    @cached_property
+    def _drift(self) -> dict[int, float]:
+        self._lags.finish()
+        return {} if self._microphones is None else self._lags.drift(self._microphones, self._rate)
+
+    def drift(self) -> dict[int, float]:
+        """Drift [ppm] of a microphone with a clock of its own, by number from 1; positive: its clock is slow."""
+        return {} if self.silent() or self.similar() else {n + 1: ppm for n, ppm in self._drift.items()}
 
     def slowness(self) -> float | None:
         """Slowness of the fitted plane waves relative to that of sound, if it is implausible; None otherwise."""
-        if self._microphones is None or self.silent() or self.similar():
+        if self._microphones is None or self.silent() or self.similar() or self.drift():
             return None
         self._lags.finish()
         return self._lags.slowness(self._microphones, self._rate)
@@ -570,6 +617,14 @@ def _similar(channels: Mapping[str, Channels]) -> Iterator[Check]:
 
 def _late(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
+        drifts = own.drift()
+        for number, ppm in drifts.items():
+            side = "slow" if ppm > 0 else "fast"
+            yield finding(
+                TOGETHER, "microphone-drifts", sensors=[name], microphones=str(number), ppm=abs(ppm), side=side
+            )
+        if drifts:
+            continue
         lags = own.late()
         if own.misfit is not None and len(own.misfit.late) == 1:
             lags = {channel + 1: lag for channel, lag in own.misfit.late.items()}

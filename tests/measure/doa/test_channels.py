@@ -238,3 +238,14 @@ def test_delays_too_short_for_the_array_are_named(
     list(channels.watch([samples]))
     found = channels.slowness()
     assert found == (pytest.approx(1.0 / scale, rel=0.1) if named else None)
+
+
+@pytest.mark.parametrize("ppm", [-300.0, 0.0, 150.0])
+@pytest.mark.parametrize("microphones", [SQUARE, TETRAHEDRON], ids=["plane", "space"])
+def test_a_channel_with_a_clock_of_its_own_is_named(microphones: NDArray[np.float64], ppm: float) -> None:
+    samples = moving(microphones, np.full(24, 0.7) if ppm else np.linspace(0.3, 1.5, 24), np.full(24, 0.1))
+    n = np.arange(len(samples))
+    samples[:, 1] = np.interp(n * (1.0 - 1e-6 * ppm), n, samples[:, 1])
+    channels = watched(samples, microphones)
+    assert channels.drift() == ({2: pytest.approx(ppm, rel=0.05)} if ppm else {})
+    assert ids_of(channels) == (["microphone-drifts"] if ppm else [])
