@@ -404,7 +404,7 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     if diagnostics := data.drawn("errors", "bound"):
         caption += f". {diagnostics[:-1]}{largest}; figures are of all"
     owner_note = f", {data.whose_errors(target)}" if data.relabelled else _whose(data, target)
-    heading = f"Error and bound over time{owner_note}"
+    heading = f"{'Error' if data.bound is None else 'Error and bound'} over time{owner_note}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 

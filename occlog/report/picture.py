@@ -98,7 +98,8 @@ def _panels(data: ReportInput) -> list[PicturePanel]:
     if compared is not None and errors is not None and (errors.target_id == compared).any():
         height = 4.8 if axes_of(errors.take(errors.target_id == compared)) == "xy" else 5.8
         of = f", {data.whose_errors(compared)}" if data.relabelled else target_note
-        out.append(PicturePanel(f"Error and bound{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
+        what = "Error" if data.bound is None else "Error and bound"
+        out.append(PicturePanel(f"{what}{of}", height, lambda f: draw_accuracy(f, data, errors, compared)))
     elif first is not None and first in data.residuals and data.residuals[first].any:
         out.append(PicturePanel(f"Track and lines of sight{target_note}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
