@@ -110,6 +110,8 @@ def run_stages(
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
+    if others := other_versions(folder):
+        console.note(f"{folder} was made with other packages: {others}", quiet)
     steps, verdicts = list[StageStep](), tuple[Verdict, ...]()
     noted = () if quiet else noted
     for step in do_stages(
@@ -122,8 +124,6 @@ def run_stages(
             console.note_findings((text for text in texts_of(verdicts, "run") if text not in known), quiet)
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
-    if dry_run and (others := other_versions(folder)):
-        console.note(f"{folder} was made with other packages: {others}", quiet)
     # Losses of a finished stage are in its state
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
     console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
