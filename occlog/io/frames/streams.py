@@ -23,7 +23,7 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.names import last_number, natural_sorted
+from occlog.io.files.names import is_hidden, last_number, natural_sorted
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
@@ -126,7 +126,9 @@ def list_images(folder: Path) -> list[Path]:
         raise InputError(
             f"{folder}: is a file; a folder of images was expected (a video has an option of its own)", id="not-a-file"
         )
-    names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    names = natural_sorted(
+        p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not is_hidden(p) and p.is_file()
+    )
     if not names:
         raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})", id="empty-input")
     return [folder / name for name in names]
