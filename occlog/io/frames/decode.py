@@ -436,7 +436,7 @@ def _stamp_s(capture: cv2.VideoCapture) -> float:
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     if stamp is None or not rate > 0 or abs(pts := capture.get(stamp)) >= NO_PTS:
         return math.nan
-    return float(pts / rate)
+    return float(pts) / float(rate)
 
 
 def _faults(container: Container | None) -> str:
