@@ -23,6 +23,7 @@ from occlog.io.video.nal import SEQUENCE_PARAMETERS, sequence_parameters, units
 from occlog.records.frames import Image
 
 from ..files.names import utf8_name
+from ..files.programs import START, describe_program
 from .limits import MAX_PIXELS
 
 SEVERAL = (
@@ -340,6 +341,8 @@ def decode_image(data: bytes, where: str) -> Image:
         ) from None
     if image is None and data.startswith(DEEP_MARKS[:2]) and _is_float(data):
         raise InputError(f"{where}: its values are no whole numbers; write 8 bits, 0 to 255", id="unsupported-format")
+    if image is None and (program := describe_program(data[:START])) is not None:
+        raise InputError(f"{where}: {program}", id="unsupported-format")
     if image is None:
         raise InputError(
             f"{where}: not an image, or a damaged one ({len(data)} bytes); copy or convert it", id="damaged-file"

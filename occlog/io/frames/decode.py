@@ -22,6 +22,7 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import utf8_name
+from occlog.io.files.programs import refuse_unread
 from occlog.io.video.container import MIRRORS, SHEARED, SLACK, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
@@ -287,6 +288,7 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
             capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         return capture
     if container is None:
+        refuse_unread(path)
         raise InputError(
             f"{path}: not a video file that FFmpeg can read; convert it to MP4, MKV or AVI",
             id="unknown-format",
@@ -676,7 +678,7 @@ def _decoder_start_ns(container: Container, raw: _Raw) -> float:
         return container.first_ns
     stated = raw.stamp_ns - container.origin_ns
     k = int(np.searchsorted(pts, stated - raw.pos_ns))
-    starts = [-container.origin_ns, container.first_ns, *pts[max(k - 2, 0) : k + 2].tolist()]
+    starts: list[float] = [-container.origin_ns, container.first_ns, *pts[max(k - 2, 0) : k + 2].tolist()]
     return min(starts, key=lambda start: (_nearest(pts, start + raw.pos_ns) < 0, abs(start + raw.pos_ns - stated)))
 
 
