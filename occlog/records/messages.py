@@ -790,6 +790,11 @@ VERDICT: dict[str, Message] = {
         "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one",
     ),
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
+    "topic-frames": Message(
+        W,
+        "topic {topic}: messages of several frames ({frames}) are taken for those of one sensor",
+        "publish each sensor on its own topic; a new name alone is no fault",
+    ),
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
     "stamps-late": Message(
         W,

@@ -281,6 +281,19 @@ def test_poses_follow_the_chain_of_frames_to_the_world(tmp_path: Path) -> None:
     assert np.allclose(recording.scene.cameras[0].position, [0.5, 0.1, 3])
 
 
+@pytest.mark.parametrize(("frames", "named"), [("ab" * 3, True), ("aaaaab", False), ("", False)])
+def test_a_topic_with_the_messages_of_two_sensors_is_reported(tmp_path: Path, frames: str, named: bool) -> None:
+    """A frame of few messages, or none in headers, is that of no other sensor."""
+    rows: list[Row] = [
+        ("/cam/image_raw", RAW, START + n * STEP, ros.raw(START + n * STEP, frame, ros.picture(n), "bgr8"))
+        for n, frame in enumerate(frames or [""] * 6, start=1)
+    ]
+    code, out = ingest(ros.write_mcap(tmp_path / "b.mcap", rig(*rows)))
+    assert code == ExitCode.DONE
+    reported = [check.text for each in verdicts_of_file(out) for check in each.checks if check.id == "topic-frames"]
+    assert [("/cam/image_raw" in text, "('a' 3, 'b' 3, " in text) for text in reported] == [(True, True)] * named
+
+
 def test_a_calibration_that_changes_is_reported(tmp_path: Path) -> None:
     """A camera that zoomed kept its first calibration without a word."""
     same, other = (ros.camera_info(START + STEP, "cam_optical") for _ in "ab")
