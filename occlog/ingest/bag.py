@@ -282,6 +282,14 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
                 id="unknown-name",
             )
         return frame
+    for camera in (c for c in cameras if found.frames[c] in tree.edges):
+        for edge in (tree.edges[frame] for frame in tree.chain(found.frames[camera])[:-1]):
+            if edge.conflict:
+                raise InputError(
+                    f"camera {camera}: {edge.conflict}, in /tf_static of the bag; stop one publisher, or give a "
+                    f"calibration of the camera ({option('calibration')})",
+                    id="invalid-calibration",
+                )
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
@@ -294,6 +302,12 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
 
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
+    if frame in tree.exchanged and frame not in tree.edges:
+        raise InputError(
+            f"frame {frame!r} is only a parent in the transforms of the bag (of {tree.exchanged[frame]!r}); if parent "
+            "and child are exchanged, give a calibration file",
+            id="missing-pose",
+        )
     if world is None or not tree.knows(frame):
         raise InputError(
             f"the transforms of the bag (/tf, /tf_static) do not give the pose of the camera's frame {frame!r}",

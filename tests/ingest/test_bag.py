@@ -330,6 +330,26 @@ def test_a_camera_that_moves_in_the_world_is_refused_unless_the_world_moves_with
     assert "no such frame; it has: base_link, cam_optical, odom" in refused(capsys, bag, "--world-frame", "map")
 
 
+def test_two_static_poses_of_a_camera_are_refused_with_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An old launch file that also runs; noise of a localisation, and the same again, are no second pose."""
+    base = rig()
+    turn = rotation_from_angles(math.radians(45), math.radians(-20), 0.0)
+    for move, code in ((0.01, ExitCode.DONE), (1.5, ExitCode.BAD_INPUT)):
+        again = ros.transforms(START + 1, ("map", "cam_optical", (1, 2 + move, 3), turn))
+        bag = ros.write_mcap(tmp_path / "b.mcap", [base[0], ("/tf_static", TF, START + 1, again), *base[1:]])
+        assert ingest(bag)[0] == code
+    text = capsys.readouterr().err
+    assert (
+        "camera cam: frame 'cam_optical' has different static transforms in 'map': at (1, 2, 3) and (1, 3.5, 3)" in text
+    )
+
+
+def test_exchanged_parents_and_children_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tf = ros.transforms(START, *((f"{name}_optical", "map", (1, 2, 3), np.eye(3)) for name in ("other", "cam")))
+    text = refused(capsys, ros.write_mcap(tmp_path / "b.mcap", rig(tf=tf)), code=ExitCode.BAD_INPUT)
+    assert "frame 'cam_optical' is only a parent in the transforms of the bag (of 'map'); if parent and child" in text
+
+
 def test_frames_with_the_axes_of_a_body_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     body = ros.transforms(START, ("map", "cam", (0, 0, 2), np.eye(3)))
     rows = [(t, k, n, ros.raw(START, "cam", ros.picture(0), "bgr8") if k == RAW else m) for t, k, n, m in rig(tf=body)]

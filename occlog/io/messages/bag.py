@@ -382,6 +382,8 @@ def _information(path: Path) -> dict[str, object]:
     return found
 
 
+STATIC = "tf_static"
+"""Name of the topic of transforms that hold for all times."""
 TRIALS = 5
 """Messages of a topic that may be unreadable before the topic is given up."""
 
@@ -490,7 +492,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             continue
         if kind_of(topics[message.topic].kind) is TopicKind.TRANSFORM:
             for transform in found:
-                transforms.add(transform)
+                transforms.add(transform, static=message.topic.endswith(STATIC))
             continue
         (images if isinstance(found, ImageMessage) else infos)[message.topic] = found
         wanted.discard(message.topic)
