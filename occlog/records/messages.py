@@ -887,6 +887,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: all {count} images are black (values up to {most:.0f} of 255)",
         "check lens cap, exposure, and how they were converted",
     ),
+    "pictures-black-run": Message(
+        W,
+        "camera {sensors}: images {first} to {last} are black, for {seconds:.3g} s from {time} on{more}",
+        "check whether it was covered, or the light off",
+    ),
     "pictures-identical": Message(
         W, "camera {sensors}: all {count} images are identical", "check whether its stream or recorder stood still"
     ),
