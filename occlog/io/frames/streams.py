@@ -25,6 +25,7 @@ from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names import is_hidden, last_number, natural_sorted
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate, frames_to_ns
+from occlog.io.video.avi import NO_RATE
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.losses import Loss
@@ -90,6 +91,11 @@ def video_times(
                     id="missing-times",
                 )
         return FrameTimes(STAMPS, start_ns)
+    if (unrated := next((place for place, what in container.problems if NO_RATE in what), None)) is not None:
+        raise InputError(
+            f"{path}: {unrated}: {NO_RATE}, and AVI has no time stamps; give {option('fps')} or {option('timestamps')}",
+            id="missing-times",
+        )
     if container.stamped and _plausible(container):
         return FrameTimes(STAMPS, start_ns, container.pts_ns)
     rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
