@@ -67,6 +67,10 @@ COUNTS, STAMPS = "messages of the bag", "header stamps"
 """Names of checks."""
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
+MAX_NAMES = 100
+"""Frames by which the messages of a topic are counted."""
+MIN_OF_FRAME = 3
+"""Messages of a second frame in a topic from which they are of another sensor."""
 OTHER_START_S = 1e8
 """Header stamps this much before the times of recording do not count from 1970."""
 ALIKE = 0.1
@@ -278,6 +282,14 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
                 id="unknown-name",
             )
         return frame
+    for camera in (c for c in cameras if found.frames[c] in tree.edges):
+        for edge in (tree.edges[frame] for frame in tree.chain(found.frames[camera])[:-1]):
+            if edge.conflict:
+                raise InputError(
+                    f"camera {camera}: {edge.conflict}, in /tf_static of the bag; stop one publisher, or give a "
+                    f"calibration of the camera ({option('calibration')})",
+                    id="invalid-calibration",
+                )
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
@@ -290,6 +302,12 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
 
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
+    if frame in tree.exchanged and frame not in tree.edges:
+        raise InputError(
+            f"frame {frame!r} is only a parent in the transforms of the bag (of {tree.exchanged[frame]!r}); if parent "
+            "and child are exchanged, give a calibration file",
+            id="missing-pose",
+        )
     if world is None or not tree.knows(frame):
         raise InputError(
             f"the transforms of the bag (/tf, /tf_static) do not give the pose of the camera's frame {frame!r}",
@@ -486,6 +504,7 @@ class Taking:
         self._arrays = {topic: name for name, topic in chosen.directions.items()}
         self._targets = {topic: target for target, topic in chosen.poses.items()}
         self._owners: dict[int, str] = {}
+        self._frames: dict[str, Counter[str]] = {}  # frames of the messages of each topic of a sensor
         placed = {camera.name for camera in placement.cameras}
         self._infos = {topic: name for name, topic in chosen.infos.items() if name in placed}
         self._changed: dict[str, list[str]] = {}
@@ -552,6 +571,8 @@ class Taking:
         try:
             read = self._messages.read(message.topic, message.data)
             t_ns = self._time(state, message, read.header)
+            if not isinstance(read, PoseMessage):
+                self._count_frame(message.topic, read.header.frame)
             if isinstance(read, ImageMessage) and is_video(read.encoding):
                 self._video(message.topic, read, t_ns)
                 return
@@ -579,11 +600,18 @@ class Taking:
         """
         with suppress(InputError):  # the first one was good
             content = self._messages.read(message.topic, message.data)
+            self._count_frame(message.topic, content.header.frame)
             first = self.found.infos[self._infos[message.topic]]
             if not _is_same(first, content):
                 sizes = " x ".join(map(str, content.size))
                 what = f"fx {first.k[0, 0]:g}, then {content.k[0, 0]:g} px for {sizes} px at {utc(message.log_ns)}"
                 self._changed.setdefault(message.topic, []).append(what)
+
+    def _count_frame(self, topic: str, frame: str) -> None:
+        """Count a message of a sensor by the frame in its header; messages without one are not counted."""
+        frames = self._frames.setdefault(topic, Counter())
+        if frame and (frame in frames or len(frames) < MAX_NAMES):
+            frames[frame] += 1
 
     def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
         """World time [ns] of a message: its header stamp or its recording time, corrected by the clock of the sensor.
@@ -768,10 +796,19 @@ class Taking:
     def checks(self) -> tuple[Check, ...]:
         """Checks of message counts, header stamps and image sizes of boxes; available after the last message."""
         counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
+        several = (
+            finding(COUNTS, "topic-frames", topic=t, frames=abridged(f"{name!r} {n}" for name, n in each.most_common()))
+            for t, each in self._frames.items()
+            if sum(n >= MIN_OF_FRAME for n in each.values()) > 1
+        )
         clocks = [check for topic, state in self._states.items() for check in self._topic_clocks(topic, state)]
         given = self.plan.image_size is not None
         extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()
-        return (*outcome(COUNTS, counts), *outcome(STAMPS, _by_recorder(clocks, len(self._states))), *extents)
+        return (
+            *outcome(COUNTS, [*counts, *several]),
+            *outcome(STAMPS, _by_recorder(clocks, len(self._states))),
+            *extents,
+        )
 
     def _topic_clocks(self, topic: str, state: _CameraState) -> Iterator[Check]:
         """Yield findings on the clock of a topic.

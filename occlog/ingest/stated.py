@@ -10,6 +10,7 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of, offset_words
+from occlog.errors import InputError
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
 from occlog.io.files.timing.utc import utc
@@ -25,6 +26,9 @@ CLOCKS = "clocks by frame numbers"
 """Names of checks."""
 MIN_START_S = 0.1
 """Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
+BLACK_RUN = "pictures-black-run"
+MIN_BLACK_S = 3.0
+"""Time for which images must be black [s], in a video that is not, to be stated: shorter ones are of its beginning."""
 MIN_COUNTED = 20
 """Frames that are 1 s apart from which their times may be numbers of frames."""
 MAX_BOXLESS_SHARE = 0.1
@@ -79,10 +83,41 @@ def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
     """Yield a finding for each peculiarity of pictures that the decoders of the cameras report."""
     for source in sources:
         for id, values in source.decoder.facts:
-            yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
+            if id != BLACK_RUN:
+                yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
+        yield from _black_run(
+            source, [(int(v["first"]), int(v["last"])) for n, v in source.decoder.facts if n == BLACK_RUN]
+        )
     for one, other in combinations([source for source in sources if source.path.is_file()], 2):
         if one.path.stat().st_size == other.path.stat().st_size and hash_file(one.path) == hash_file(other.path):
             yield finding(PICTURES, "videos-identical", sensors=[one.name, other.name])
+
+
+def _black_run(source: CameraSource, runs: Sequence[tuple[int, int]]) -> Iterator[Check]:
+    """Yield a finding if a camera has black images in a row for `MIN_BLACK_S` or more, with the longest of the rows.
+
+    `runs` are the first and last frame of each. Nothing if the frames have no times.
+    """
+    try:
+        lasting = [(int(end) - int(begin), int(begin)) for begin, end in map(source.times.at, map(np.array, runs))]
+    except InputError:
+        return
+    long = [(ns, -n) for n, (ns, _) in enumerate(lasting) if ns >= MIN_BLACK_S * NS]
+    if long:
+        ns, n = max(long)
+        first, last = runs[-n]
+        more = f", and in {len(long) - 1} more rows" if len(long) > 1 else ""
+        time, seconds, name = utc(lasting[-n][1]), ns / NS, source.name
+        yield finding(
+            PICTURES,
+            "pictures-black-run",
+            sensors=[name],
+            first=first,
+            last=last,
+            seconds=seconds,
+            time=time,
+            more=more,
+        )
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:

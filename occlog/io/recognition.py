@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, UTF16_MARKS, guarded, is_odas
+from occlog.io.files.names import is_hidden
 
 if TYPE_CHECKING:
     from occlog.io.files.texts.formats import FileFormat, Probe
@@ -378,7 +379,7 @@ def is_one_bag(folder: Path) -> bool:
         return True
     if not is_bag(folder):
         return False
-    files = [path for path in folder.iterdir() if path.suffix in CONTAINERS]
+    files = [path for path in folder.iterdir() if path.suffix in CONTAINERS and not is_hidden(path)]
     if len({PART.sub("", path.name.split(".")[0]) for path in files}) != 1:
         return False
     try:

@@ -800,6 +800,11 @@ VERDICT: dict[str, Message] = {
         "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one",
     ),
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
+    "topic-frames": Message(
+        W,
+        "topic {topic}: messages of several frames ({frames}) are taken for those of one sensor",
+        "publish each sensor on its own topic; a new name alone is no fault",
+    ),
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
     "stamps-late": Message(
         W,
@@ -891,6 +896,11 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: all {count} images are black (values up to {most:.0f} of 255)",
         "check lens cap, exposure, and how they were converted",
+    ),
+    "pictures-black-run": Message(
+        W,
+        "camera {sensors}: images {first} to {last} are black, for {seconds:.3g} s from {time} on{more}",
+        "check whether it was covered, or the light off",
     ),
     "pictures-identical": Message(
         W, "camera {sensors}: all {count} images are identical", "check whether its stream or recorder stood still"

@@ -281,6 +281,19 @@ def test_poses_follow_the_chain_of_frames_to_the_world(tmp_path: Path) -> None:
     assert np.allclose(recording.scene.cameras[0].position, [0.5, 0.1, 3])
 
 
+@pytest.mark.parametrize(("frames", "named"), [("ab" * 3, True), ("aaaaab", False), ("", False)])
+def test_a_topic_with_the_messages_of_two_sensors_is_reported(tmp_path: Path, frames: str, named: bool) -> None:
+    """A frame of few messages, or none in headers, is that of no other sensor."""
+    rows: list[Row] = [
+        ("/cam/image_raw", RAW, START + n * STEP, ros.raw(START + n * STEP, frame, ros.picture(n), "bgr8"))
+        for n, frame in enumerate(frames or [""] * 6, start=1)
+    ]
+    code, out = ingest(ros.write_mcap(tmp_path / "b.mcap", rig(*rows)))
+    assert code == ExitCode.DONE
+    reported = [check.text for each in verdicts_of_file(out) for check in each.checks if check.id == "topic-frames"]
+    assert [("/cam/image_raw" in text, "('a' 3, 'b' 3, " in text) for text in reported] == [(True, True)] * named
+
+
 def test_a_calibration_that_changes_is_reported(tmp_path: Path) -> None:
     """A camera that zoomed kept its first calibration without a word."""
     same, other = (ros.camera_info(START + STEP, "cam_optical") for _ in "ab")
@@ -315,6 +328,26 @@ def test_a_camera_that_moves_in_the_world_is_refused_unless_the_world_moves_with
     text = refused(capsys, bag, "--world-frame", "odom", code=ExitCode.BAD_INPUT)
     assert "frame 'cam_optical' moves in 'odom': 'base_link' in 'odom' by 0.9 m" in text
     assert "no such frame; it has: base_link, cam_optical, odom" in refused(capsys, bag, "--world-frame", "map")
+
+
+def test_two_static_poses_of_a_camera_are_refused_with_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An old launch file that also runs; noise of a localisation, and the same again, are no second pose."""
+    base = rig()
+    turn = rotation_from_angles(math.radians(45), math.radians(-20), 0.0)
+    for move, code in ((0.01, ExitCode.DONE), (1.5, ExitCode.BAD_INPUT)):
+        again = ros.transforms(START + 1, ("map", "cam_optical", (1, 2 + move, 3), turn))
+        bag = ros.write_mcap(tmp_path / "b.mcap", [base[0], ("/tf_static", TF, START + 1, again), *base[1:]])
+        assert ingest(bag)[0] == code
+    text = capsys.readouterr().err
+    assert (
+        "camera cam: frame 'cam_optical' has different static transforms in 'map': at (1, 2, 3) and (1, 3.5, 3)" in text
+    )
+
+
+def test_exchanged_parents_and_children_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tf = ros.transforms(START, *((f"{name}_optical", "map", (1, 2, 3), np.eye(3)) for name in ("other", "cam")))
+    text = refused(capsys, ros.write_mcap(tmp_path / "b.mcap", rig(tf=tf)), code=ExitCode.BAD_INPUT)
+    assert "frame 'cam_optical' is only a parent in the transforms of the bag (of 'map'); if parent and child" in text
 
 
 def test_frames_with_the_axes_of_a_body_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

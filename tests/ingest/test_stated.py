@@ -35,6 +35,21 @@ def test_an_ordinary_video_with_boxes_raises_nothing(tmp_path: Path) -> None:
     assert ingest(tmp_path, "--video", f"a={video}", "--boxes", f"a={boxes(tmp_path / 'a.csv', 40)}") == {}
 
 
+@pytest.mark.parametrize(("first", "named"), [(26, True), (32, False)])
+def test_a_camera_that_is_covered_for_three_seconds_is_named(tmp_path: Path, first: int, named: bool) -> None:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for n in range(60):
+        image = numbered(n, (64, 48))
+        cv2.imwrite(str(folder / f"{n}.png"), image // 16 if n >= first else image)
+    found = ingest(tmp_path, "--images", f"a={folder}", "--fps", "10")
+    assert set(found) == ({"pictures-black-run"} if named else set())
+    if named:
+        check = found["pictures-black-run"]
+        assert (check.sensors, check.figures["first"], check.figures["last"]) == (("a",), 26, 59)
+        assert "black, for 3.3 s from 1970-01-01T00:00:02.600" in check.text
+
+
 @pytest.mark.parametrize("stride", [2, 3])
 def test_boxes_of_every_third_frame_that_are_counted_from_0(tmp_path: Path, stride: int) -> None:
     video, count = write_video(tmp_path / "mp4v.mp4", frames=60), 60 // stride

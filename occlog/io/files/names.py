@@ -116,6 +116,11 @@ def natural_sorted(names: Iterable[str]) -> list[str]:
     return sorted(names, key=lambda name: (natural_key(name), name))
 
 
+def is_hidden(path: Path) -> bool:
+    """Whether the name of a file begins with a dot, as those that systems add (`._a.png` and `.DS_Store` of macOS)."""
+    return path.name.startswith(".")
+
+
 def safe_name(text: str) -> str:
     """Convert a text to a name allowed in scene files, of at most 64 characters.
 

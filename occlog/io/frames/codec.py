@@ -23,6 +23,7 @@ from occlog.io.video.nal import SEQUENCE_PARAMETERS, sequence_parameters, units
 from occlog.records.frames import Image
 
 from ..files.names import utf8_name
+from ..files.programs import START, describe_program
 from .limits import MAX_PIXELS
 
 SEVERAL = (
@@ -340,6 +341,8 @@ def decode_image(data: bytes, where: str) -> Image:
         ) from None
     if image is None and data.startswith(DEEP_MARKS[:2]) and _is_float(data):
         raise InputError(f"{where}: its values are no whole numbers; write 8 bits, 0 to 255", id="unsupported-format")
+    if image is None and (program := describe_program(data[:START])) is not None:
+        raise InputError(f"{where}: {program}", id="unsupported-format")
     if image is None:
         raise InputError(
             f"{where}: not an image, or a damaged one ({len(data)} bytes); copy or convert it", id="damaged-file"
@@ -424,29 +427,45 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
     return int(columns.argmax()), int(rows.argmax()), int(columns[::-1].argmax()), int(rows[::-1].argmax())
 
 
+MAX_RUNS, THINNED = 100, 8
+"""Runs of black images that are stated, and every which pixel suffices to see that an image is not black."""
+
+
 class Contents:
-    """Whether all images of a camera are black, or the same; images are compared until one is not."""
+    """Whether images of a camera are black, all or in a row, or all the same; they are compared until one is not."""
 
     def __init__(self) -> None:
         """Start without images."""
         self._count, self._brightest, self._first = 0, 0, np.zeros(0, np.uint8)
         self._is_same = True
+        self._runs: list[tuple[int, int]] = []  # first and last number of black images in a row
+        self._in_run = False
 
-    def add(self, image: Image) -> None:
-        """Add an image, after which it may be overwritten."""
+    def add(self, image: Image, index: int) -> None:
+        """Add an image of the frame `index`, after which it may be overwritten."""
         if not self._count:
             self._first = image.copy()
         elif self._is_same:
             self._is_same = np.array_equal(self._first, image)
-        if self._brightest <= BLACK:
-            self._brightest = max(self._brightest, int(image.max()))
+        thinned = int(image[::THINNED, ::THINNED].max())
+        brightest = thinned if thinned > BLACK else int(image.max())
+        self._brightest = max(self._brightest, brightest)
+        if brightest > BLACK:
+            self._in_run = False
+        elif self._in_run:
+            self._runs[-1] = (self._runs[-1][0], index)
+        elif len(self._runs) < MAX_RUNS:
+            self._runs.append((index, index))
+            self._in_run = True
         self._count += 1
 
     def facts(self) -> Facts:
-        """Fact `pictures-black` or `pictures-identical` on the images added so far; empty if neither holds."""
+        """Facts on the images so far: `pictures-black`, `pictures-identical`, or `pictures-black-run` for each row."""
         if self._count and self._brightest <= BLACK:
             return [("pictures-black", {"count": self._count, "most": self._brightest})]
-        return [("pictures-identical", {"count": self._count})] if self._is_same and self._count >= MIN_SAME else []
+        if self._is_same and self._count >= MIN_SAME:
+            return [("pictures-identical", {"count": self._count})]
+        return [("pictures-black-run", {"first": a, "last": b}) for a, b in self._runs if b > a]
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:

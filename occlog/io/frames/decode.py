@@ -22,6 +22,7 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import utf8_name
+from occlog.io.files.programs import refuse_unread
 from occlog.io.video.container import MIRRORS, SHEARED, SLACK, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
@@ -287,6 +288,7 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
             capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         return capture
     if container is None:
+        refuse_unread(path)
         raise InputError(
             f"{path}: not a video file that FFmpeg can read; convert it to MP4, MKV or AVI",
             id="unknown-format",
@@ -428,10 +430,15 @@ def _aspect(capture: cv2.VideoCapture, container: Container | None) -> Facts:
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
     """Offset of the file's time stamps from the decoder's times [s], by the first frame; NaN if unknown."""
+    return _stamp_s(capture) - first.pos_ns / NS
+
+
+def _stamp_s(capture: cv2.VideoCapture) -> float:
+    """Time stamp of the picture that was decoded last [s], rounded to the frame rate; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     if stamp is None or not rate > 0 or abs(pts := capture.get(stamp)) >= NO_PTS:
         return math.nan
-    return pts / rate - first.pos_ns / NS
+    return float(pts) / float(rate)
 
 
 def _faults(container: Container | None) -> str:
@@ -500,6 +507,7 @@ class _Raw:
     pos_ns: float
     complaint: str
     fetch: Callable[[Image | None], tuple[Image | None, str]]  # the image, and why it is none; see `_retrieve`
+    stamp_ns: float = math.nan  # time stamp in the file, to half a frame interval; NaN: unknown
 
 
 MIRRORED: dict[str, Callable[[Image], Image]] = {
@@ -544,7 +552,8 @@ def _raw_pictures(
                 image.append((found if found is None or mirror is None else mirror(found), why))
             return image[0]
 
-        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, text, fetch)
+        pos_ns = pos * 1e6 if math.isfinite(pos) else math.nan
+        yield _Raw(ordinal + missed, pos_ns, text, fetch, _stamp_s(capture) * NS)
         ordinal += 1
 
 
@@ -588,12 +597,21 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: C
     listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in indices) * 2 >= len(head)
     every = chain(head, pictures)
     if not listed or container is None:
-        yield from every
+        first = 0 if container is None or not head else _first_decoded(container, head[0])
+        yield from (replace(raw, index=raw.index + first) for raw in every)
         return
     late = _lateness(container, head[0])
     if late and container.steps is not None:
         misplaced()
     yield from _placed(container, every, late)
+
+
+def _first_decoded(container: Container, raw: _Raw) -> int:
+    """Number of the first decoded picture `raw`: that of the first key frame if its time stamp is not before it."""
+    pts, key = container.pts_ns, container.first_key
+    if pts is None or not 0 < key < len(pts):
+        return 0
+    return key if raw.stamp_ns - container.origin_ns >= (pts[key - 1] + pts[key]) / 2 else 0
 
 
 def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
@@ -638,10 +656,30 @@ def _place(container: Container | None, raw: _Raw) -> int:
         packet = round(raw.pos_ns / NS * float(container.rate or 0)) - container.first_packet
         return int(container.packets[packet]) if 0 <= packet < len(container.packets) else -1
     pts = container.pts_ns
-    pos = raw.pos_ns + container.first_ns
+    pos = raw.pos_ns + _decoder_start_ns(container, raw)
+    return _nearest(pts, pos)
+
+
+def _nearest(pts: Ints, pos: float) -> int:
+    """Number of the frame at the time `pos` [ns] among the increasing times `pts` (n,) [ns]; -1 if there is none."""
     after = int(np.searchsorted(pts, pos))
     near = min((k for k in (after - 1, after) if 0 <= k < len(pts)), key=lambda k: abs(int(pts[k]) - pos))
     return near if abs(int(pts[near]) - pos) <= _tolerance(pts, near) else -1
+
+
+def _decoder_start_ns(container: Container, raw: _Raw) -> float:
+    """Time after frame 0 from which the decoder counts the time of a picture [ns].
+
+    That is the first frame in the file. Where this is no key frame, FFmpeg counts from 0 until it can tell the order of
+    the packets, and then from the packet at which it can; the time stamp shows which.
+    """
+    pts = container.pts_ns
+    if pts is None or not container.first_key or not math.isfinite(raw.stamp_ns):
+        return container.first_ns
+    stated = raw.stamp_ns - container.origin_ns
+    k = int(np.searchsorted(pts, stated - raw.pos_ns))
+    starts: list[float] = [-container.origin_ns, container.first_ns, *pts[max(k - 2, 0) : k + 2].tolist()]
+    return min(starts, key=lambda start: (_nearest(pts, start + raw.pos_ns) < 0, abs(start + raw.pos_ns - stated)))
 
 
 def _tolerance(pts: Ints, k: int) -> float:

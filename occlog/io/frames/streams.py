@@ -23,8 +23,9 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.names import last_number, natural_sorted
+from occlog.io.files.names import is_hidden, last_number, natural_sorted
 from occlog.io.files.timing.frame_times import FrameTimes, as_rate, frames_to_ns
+from occlog.io.video.avi import NO_RATE
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.losses import Loss
@@ -90,6 +91,11 @@ def video_times(
                     id="missing-times",
                 )
         return FrameTimes(STAMPS, start_ns)
+    if (unrated := next((place for place, what in container.problems if NO_RATE in what), None)) is not None:
+        raise InputError(
+            f"{path}: {unrated}: {NO_RATE}, and AVI has no time stamps; give {option('fps')} or {option('timestamps')}",
+            id="missing-times",
+        )
     if container.stamped and _plausible(container):
         return FrameTimes(STAMPS, start_ns, container.pts_ns)
     rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
@@ -126,7 +132,9 @@ def list_images(folder: Path) -> list[Path]:
         raise InputError(
             f"{folder}: is a file; a folder of images was expected (a video has an option of its own)", id="not-a-file"
         )
-    names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    names = natural_sorted(
+        p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not is_hidden(p) and p.is_file()
+    )
     if not names:
         raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})", id="empty-input")
     return [folder / name for name in names]

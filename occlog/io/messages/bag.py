@@ -31,7 +31,7 @@ from occlog.io.files.limits import (
     is_zstd,
     max_decompressed_bytes,
 )
-from occlog.io.files.names import natural_key
+from occlog.io.files.names import is_hidden, natural_key
 from occlog.io.files.texts.yaml import yaml_documents
 from occlog.io.files.timing.utc import time_words
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
@@ -312,7 +312,7 @@ def _members(folder: Path) -> list[Path]:
 
     A compressed file is left out if it exists decompressed as well.
     """
-    found = [p for p in folder.iterdir() if p.is_file() and _bare(p).suffix in SUFFIXES]
+    found = [p for p in folder.iterdir() if p.is_file() and not is_hidden(p) and _bare(p).suffix in SUFFIXES]
     return sorted((p for p in found if p == _bare(p) or _bare(p) not in found), key=lambda p: natural_key(p.name))
 
 
@@ -382,6 +382,8 @@ def _information(path: Path) -> dict[str, object]:
     return found
 
 
+STATIC = "tf_static"
+"""Name of the topic of transforms that hold for all times."""
 TRIALS = 5
 """Messages of a topic that may be unreadable before the topic is given up."""
 
@@ -490,7 +492,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             continue
         if kind_of(topics[message.topic].kind) is TopicKind.TRANSFORM:
             for transform in found:
-                transforms.add(transform)
+                transforms.add(transform, static=message.topic.endswith(STATIC))
             continue
         (images if isinstance(found, ImageMessage) else infos)[message.topic] = found
         wanted.discard(message.topic)

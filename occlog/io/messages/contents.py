@@ -23,7 +23,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, abridged, option
 from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
-from occlog.io.formats.calibration.readers.ros import lens_of, region_of
+from occlog.io.formats.calibration.readers.ros import STILL_M, STILL_RAD, apart, lens_of, region_of, two_poses
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
 from occlog.io.frames.decoders.subprocess_video import decode_apart
 from occlog.io.frames.limits import MAX_PIXELS
@@ -216,8 +216,6 @@ def pixels(message: ImageMessage, where: str) -> Image:
         ) from None
 
 
-STILL_M, STILL_RAD = 0.02, math.radians(0.5)
-"""Up to this, changes of a pose are taken for noise of the localisation; what moves more is no fixed camera."""
 UNIT_SLACK = 0.01
 MAX_DEPTH = 200
 
@@ -233,6 +231,7 @@ class Edge:
         messages: number of transforms.
         moved: largest difference of the position [m].
         turned: largest difference of the orientation [rad].
+        conflict: text on two static transforms that differ; empty: there are none.
     """
 
     parent: str
@@ -241,6 +240,7 @@ class Edge:
     messages: int = 1
     moved: float = 0.0
     turned: float = 0.0
+    conflict: str = ""
 
     @property
     def still(self) -> bool:
@@ -261,17 +261,20 @@ class Transforms:
     Attributes:
         edges: pose of each frame in its parent.
         faults: by frame, why its pose cannot be used.
+        exchanged: by frame that was a second parent, the name of its child.
     """
 
     def __init__(self) -> None:
         """Start without transforms."""
         self.edges: dict[str, Edge] = {}
         self.faults: dict[str, str] = {}
+        self.exchanged: dict[str, str] = {}
 
-    def add(self, message: TransformMessage) -> None:
+    def add(self, message: TransformMessage, *, static: bool = False) -> None:
         """Add a transform: the first one of a frame is kept, later ones only extend its largest change.
 
-        An invalid one, or another parent, is a fault, which is raised when the frame is needed.
+        An invalid one, or another parent, is a fault, which is raised when the frame is needed. `static`: it holds for
+        all times, so that another one contradicts it.
         """
         try:
             rotation = rotation_of(message)
@@ -285,11 +288,14 @@ class Transforms:
         if old.parent != message.parent:
             text = f"frame {message.child!r} has two parents, {old.parent!r} and {message.parent!r}"
             self.faults.setdefault(message.child, text)
+            self.exchanged.setdefault(message.parent, message.child)
             return
         old.messages += 1
-        old.moved = max(old.moved, float(np.linalg.norm(message.translation - old.translation)))
-        cosine = (float(np.trace(old.rotation.T @ rotation)) - 1) / 2
-        old.turned = max(old.turned, math.acos(min(max(cosine, -1.0), 1.0)))
+        first, new = (old.rotation, old.translation), (rotation, message.translation)
+        moved, turned = apart(first, new)
+        old.moved, old.turned = max(old.moved, moved), max(old.turned, turned)
+        if static and not old.still and not old.conflict:
+            old.conflict = two_poses(message.child, message.parent, first, new)
 
     @property
     def frames(self) -> list[str]:
@@ -338,6 +344,8 @@ class Transforms:
             edge = self.edges[name]
             if name in self.faults:
                 raise InputError(self.faults[name])
+            if edge.conflict:
+                raise InputError(edge.conflict, id="invalid-calibration")
             if not edge.still:
                 raise InputError(
                     f"frame {frame!r} moves in {world!r}: {name!r} in {edge.parent!r} by {edge.moved:.3g} m and "

@@ -31,6 +31,7 @@ from .container import (
 
 EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
+NO_RATE = "it states no frame rate"
 LATEST_START = 3600
 """A stream that is stated to begin later [s] is decoded from 0 on."""
 PALETTE = b"pc"
@@ -132,14 +133,20 @@ def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
 
     BrokenContainerError if there is none, or its frame rate is impossible.
     """
-    number = 0
+    number = period_us = 0
     for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
+        if part.kind == b"avih":
+            (period_us,) = unpack(data, "<I", part.start)
         if part.kind != b"LIST" or data[part.start : part.start + 4] != b"strl":
             continue
         strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
         if strh is not None and data[strh.start : strh.start + 4] == b"vids":
             scale, rate, first, length, largest = unpack(data, "<IIIII", strh.start + 20)
-            if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
+            if not scale * rate and period_us:
+                scale, rate = period_us, 10**6  # as FFmpeg does
+            if not scale * rate:
+                raise BrokenContainerError(strh.start, f"{NO_RATE} ({rate}/{scale})")
+            if not MIN_RATE <= rate / scale <= MAX_RATE:
                 raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
             first = first if first <= LATEST_START * rate // scale else 0
             return _Stream(number, Fraction(rate, scale), first, length, largest)

@@ -63,6 +63,8 @@ class Container:
         first_packet: AVI only: number from which the decoder counts packets.
         steps: AVI only: (n,) number of frame intervals from the first packet to each frame; None: k for frame k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
+        origin_ns: Matroska only: time stamp of frame 0 in the file.
+        first_key: Matroska only: number of the first key frame, at which decoding begins.
         largest: AVI only: size of the largest frame [bytes] by the header, and in the file.
         mirror: how the metadata ask players to mirror the pictures: a value of `MIRRORS`, or `OTHER_MIRROR`; empty:
             not.
@@ -82,6 +84,8 @@ class Container:
     first_packet: int = 0
     steps: Ints | None = None
     first_ns: int = 0
+    origin_ns: int = 0
+    first_key: int = 0
     largest: tuple[int, int] | None = None
     mirror: str = ""
     pixel: float = 1.0

@@ -38,7 +38,9 @@ TICK, DURATION = 0x2AD7B1, 0x4489
 ENTRY, NUMBER, TYPE, FRAME_NS, CODEC, TRACK_SCALE = 0xAE, 0xD7, 0x83, 0x23E383, 0x86, 0x23314F
 VIDEO, PROJECTION, YAW, ROLL = 0xE0, 0x7670, 0x7673, 0x7675
 PROJECTED, VIEWS = 0x7671, 0x53B8
-CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
+CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK, REFERENCE = 0xE7, 0xA3, 0xA0, 0xA1, 0xFB
+KEY_FLAG = 0x80
+"""Flag of a simple block that holds a key frame; another block holds one if it refers to none."""
 BLOCK_HEAD = b"\x81\0\0"
 """Beginning of a block of track 1 at the time of its cluster, before its flags."""
 SMALLEST_SCALE = 0.01
@@ -71,6 +73,7 @@ class _MkvScan:
     tracks: int = 0
     mirror: str = ""  # a rectangular projection seen from behind
     ticks: list[int] = field(default_factory=list)
+    first_key: int | None = None  # ticks of the first key frame
     problems: Faults = field(default_factory=Faults)
 
 
@@ -262,14 +265,15 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_en
         elif e.id == SIMPLE_BLOCK:
             _block(data, e, base, found)
         elif e.id == GROUP:
-            for inner in children(data, e.start, e.stop):
-                if inner.id == BLOCK:
-                    _block(data, inner, base, found)
+            parts = list(children(data, e.start, e.stop))
+            is_key = all(inner.id != REFERENCE for inner in parts)
+            for inner in (each for each in parts if each.id == BLOCK):
+                _block(data, inner, base, found, is_key=is_key)
         at = e.stop
     return at
 
 
-def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
+def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan, *, is_key: bool | None = None) -> None:
     """Add the time of a block to `found`, if it is of the video track and its picture is not marked invisible.
 
     Args:
@@ -277,6 +281,7 @@ def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
         e: the block.
         base: time of its cluster [ticks].
         found: updated.
+        is_key: it holds a key frame; None: by its flags.
     """
     stop = e.stop or e.start
     if e.start + 4 > stop or not data[e.start]:
@@ -289,6 +294,8 @@ def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
     hidden = flags & 0x08 or (found.codec == b"V_VP8" and not first >> 4 & 1)
     if not hidden:
         found.ticks.append(int(base / found.scale) + shift if found.scale != 1 else base + shift)
+        if found.first_key is None and (flags & KEY_FLAG if is_key is None else is_key):
+            found.first_key = found.ticks[-1]
 
 
 def _container(found: _MkvScan) -> Container:
@@ -299,6 +306,9 @@ def _container(found: _MkvScan) -> Container:
     ticks = np.array([tick * tick_ns for tick in sorted(found.ticks)], dtype=np.int64)
     rate = Fraction(NS, found.frame_ns).limit_denominator(MAX_RATE_DENOMINATOR) if found.frame_ns else None
     pts, broken, first = _fill_grid(ticks, found)
+    origin = int(ticks[0]) - first if len(ticks) else 0
+    # A file in which no block is marked as a key frame does not state where decoding begins
+    key = 0 if found.first_key is None else int(np.searchsorted(pts, found.first_key * tick_ns - origin))
     return Container(
         "matroska",
         pts,
@@ -307,6 +317,8 @@ def _container(found: _MkvScan) -> Container:
         rate,
         tuple(found.problems),
         first_ns=first,
+        origin_ns=origin,
+        first_key=key,
         mirror=found.mirror,
         undone=found.undone,
         tracks=found.tracks,

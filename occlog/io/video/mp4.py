@@ -9,6 +9,7 @@ import math
 import mmap
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -277,7 +278,7 @@ def parse(data: mmap.mmap) -> Container:
     top: list[ByteRange] = []
     try:
         for box in boxes(data, 0, len(data)):
-            if box.kind in (b"moov", b"moof"):
+            if box.kind in (b"ftyp", b"moov", b"moof"):
                 top.append(box)
             if box.stop > len(data):
                 problems.append(cut_short(len(data), box.stop, f"box {box_name(box.kind)}"))
@@ -289,12 +290,43 @@ def parse(data: mmap.mmap) -> Container:
             ("moov", "the index (box moov) is missing; the file was cut or its recorder was stopped before the end")
         )
         return unknown_frames("mp4", *problems)
+    problems += _further_films(data, top)
     try:
         return _container(data, moov, [b for b in top if b.kind == b"moof"], problems)
     except BrokenContainerError as bad:
         if bad.what == NO_VIDEO:
             return unknown_frames("mp4", *problems, ("moov", "it has no video track, as a file of sound"))
         return unknown_frames("mp4", *problems, (f"byte {bad.byte}", f"the index (box moov) is damaged: {bad.what}"))
+
+
+def _further_films(data: mmap.mmap, top: list[ByteRange]) -> Iterator[tuple[str, str]]:
+    """Yield a fault (position, description) if whole files with frames of their own follow the first one.
+
+    So they do after `cat a.mp4 b.mp4`. An index that is repeated without samples, as in segments of a stream, is none.
+
+    Args:
+        data: the file.
+        top: its boxes ftyp, moov and moof, in order.
+    """
+    starts: list[int] = []
+    frames, begin = 0, None
+    for box in top[[b.kind for b in top].index(b"moov") + 1 :]:
+        if box.kind == b"ftyp":
+            begin = box.start - 8
+        elif box.kind == b"moov" and begin is not None:
+            with suppress(BrokenContainerError):
+                count = len(_sample_table(data, _video_track(data, box)[0], []).size)
+                starts += [begin] * (count > 0)
+                frames += count
+            begin = None
+    if starts:
+        at = starts[0]
+        files = f"{len(starts)} more videos" if len(starts) > 1 else "another video"
+        yield (
+            f"byte {at}",
+            f"{files} of {frames} frames, which are not read, from there on; cut the file there (head -c {at}, tail -c "
+            f"+{at + 1}), and join the parts: ffmpeg -f concat -i LIST -c copy OUT.mp4",
+        )
 
 
 def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problems: list[tuple[str, str]]) -> Container:

@@ -38,7 +38,7 @@ from occlog.scans.clocks import stated_clocks
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn_from, sample_frames
-from .by_background.one_camera import Target
+from .by_background.one_camera import Target, joined
 from .by_background.stage import Learned, detect
 from .by_network import detect_by_network
 from .by_person_network import PersonDetector, Work, check_of, described, of_boxes
@@ -132,6 +132,7 @@ def write_detections(
                 rows=len(part.bearings),
                 seen=int(part.bearings.seen.sum()),
             )
+        losses = joined(losses)
         final = {**parameters, **left.parameters()}
         made = replace(provenance, losses=tuple(losses), parameters=final)
         of_fusion = () if fused is None else fused.checks()

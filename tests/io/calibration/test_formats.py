@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -333,6 +334,15 @@ def test_opencv_storage_of_version_4_equals_the_toml(tmp_path: Path) -> None:
     assert np.allclose(a.position, b.position)
     assert np.allclose(a.rotation, b.rotation)
     assert np.allclose(a.distortion, b.distortion)
+
+
+@pytest.mark.parametrize("value", [".Nan", "-.NAN"])
+def test_values_of_a_calibration_that_did_not_converge_are_named(tmp_path: Path, value: str) -> None:
+    (tmp_path / "left.yml").write_text(STORAGE.replace("0.002, 0. ]", f"0.002, {value} ]"))
+    with pytest.raises(
+        InputError, match=rf"left: distortion_coefficients holds {re.escape(value)}, as .*calibrate again"
+    ):
+        read_calibration([tmp_path / "left.yml"])
 
 
 @pytest.mark.parametrize("key", ["camera_matrix", "K", "mtx", "cameraMatrix"])

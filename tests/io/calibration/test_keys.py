@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from occlog.errors import OcclogError
+from occlog.errors import InputError, OcclogError
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.records.messages import Severity
@@ -268,3 +268,38 @@ def test_unused_keys_are_a_warning_where_they_may_change_a_camera_and_else_a_not
     }
     assert "distorsion" in found["calibration-keys-unused"].text
     assert "serial" in found["calibration-keys-other"].text
+
+
+@pytest.mark.parametrize(
+    ("places", "message"),
+    [
+        (
+            [("a_optical_frame", "map", 1.0)],
+            "frame a_optical_frame is only a parent in the transforms .of map.; if parent",
+        ),
+        (
+            [("map", "a_optical_frame", 0.0), ("map", "a_optical_frame", 2.0)],
+            r"in 'map': at .0, 0, 0. and .2, 0, 0., 2 m",
+        ),
+        (
+            [("map", "a_optical_frame", 0.0), ("odom", "a_optical_frame", 0.0), ("map", "odom", 0.0)],
+            "several parents, map and",
+        ),
+        ([("map", "a_optical_frame", 0.0), ("map", "a_optical_frame", 0.01), ("map", "b", 0.0), ("map", "b", 9.0)], ""),
+    ],
+)
+def test_transforms_of_ros_that_contradict_each_other_are_named(
+    tmp_path: Path, places: list[tuple[str, str, float]], message: str
+) -> None:
+    """Only those that a camera needs."""
+    paths = write_ros(tmp_path, ROS)
+    several = [
+        {"frame_id": parent, "child_frame_id": child, **NONE, "translation": [x, 0.0, 0.0]}
+        for parent, child, x in places
+    ]
+    paths[1].write_text(yaml.safe_dump(several))
+    if not message:
+        assert len(read_calibration(paths).cameras) == 1
+        return
+    with pytest.raises(InputError, match=message):
+        read_calibration(paths)

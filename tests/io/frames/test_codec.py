@@ -216,3 +216,16 @@ def test_images_that_state_their_range_are_scaled_by_it(kind: int, most: int) ->
     image = decode_image(head + (text if kind in (2, 3) else packed), "x")
     assert image.dtype == np.uint8
     assert sorted(set(image.ravel().tolist())) == sorted({0, (most // 2) * 255 // most, 255})
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", r"Git LFS.*git lfs pull"),
+        (b"<html><title>Sign in</title></html>", "a web page"),
+        (b"x" * 100, "not an image, or a damaged one"),
+    ],
+)
+def test_other_files_in_place_of_an_image_are_named(data: bytes, message: str) -> None:
+    with pytest.raises(InputError, match=f"a.png: .*{message}"):
+        decode_image(data, "a.png")

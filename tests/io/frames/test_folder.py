@@ -10,8 +10,10 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.names import match_sensor, means_none, natural_sorted, safe_name
+from occlog.io.formats.boxes.datasets import frame_files, label_files
 from occlog.io.frames.codec import dark_bars, decode_image, encode_image, image_damage, image_size
 from occlog.io.frames.streams import read_folders
+from occlog.io.messages.bag import is_bag
 
 RATE = {"a": Fraction(10), "b": Fraction(10)}
 
@@ -34,6 +36,21 @@ def test_numbered_images_of_two_cameras_count_from_the_same_number(tmp_path: Pat
     assert found["b"].times.at(np.array([1])).tolist() == [100_000_007]
     assert found["a"].times.source == "frame rate 10 fps (given; 2 is frame 0)"
     assert read_folders({"a": a}, {}, RATE, {}, 1)["a"].files[0][0] == 1
+
+
+def test_files_that_a_system_adds_are_no_frames(tmp_path: Path) -> None:
+    """macOS writes `._NAME` for each file on other disks, Windows `Thumbs.db`."""
+    path = folder(
+        tmp_path, "a", "._f_1.png", "._f_2.png", ".DS_Store", "Thumbs.db", "desktop.ini", "f_1.png", "f_2.png"
+    )
+    assert [(i, p.name) for i, p in read_folders({"a": path}, {}, RATE, {})["a"].files] == [
+        (0, "f_1.png"),
+        (1, "f_2.png"),
+    ]
+    labels = folder(tmp_path, "labels", "._f_1.txt", "f_1.txt", "._f_1.json", "f_2.json")
+    assert [p.name for p in label_files(labels)] == ["f_1.txt"]
+    assert {n: p.name for n, p in frame_files(labels).items()} == {2: "f_2.json"}
+    assert not is_bag(folder(tmp_path, "bag", "._walk_0.db3"))
 
 
 def test_names_that_are_times(tmp_path: Path) -> None:

@@ -6,9 +6,13 @@ import struct
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
-from video_samples import avi
+from video_samples import avi, jpeg
 
+from occlog.errors import InputError
+from occlog.io.frames.decode import decode, examine
+from occlog.io.frames.streams import video_times
 from occlog.io.video.container import MAX_FRAMES, Container
 from occlog.io.video.reader import read_container
 
@@ -36,11 +40,30 @@ def test_frame_rates_from_a_hundredth_to_a_million_are_read(tmp_path: Path, scal
     assert (found.frames, found.rate, found.problems) == (3, Fraction(rate, scale), ())
 
 
-@pytest.mark.parametrize(("scale", "rate"), [(101, 1), (1, 1_000_001), (0, 25), (1, 0)])
+@pytest.mark.parametrize(("scale", "rate"), [(101, 1), (1, 1_000_001)])
 def test_other_frame_rates_are_a_damaged_header(tmp_path: Path, scale: int, rate: int) -> None:
     found = parsed(tmp_path, with_rate(scale, rate))
     assert found.frames is None
     assert f"a frame rate of {rate}/{scale}" in found.problems[-1][1]
+
+
+@pytest.mark.parametrize(("scale", "rate"), [(0, 25), (1, 0), (0, 0)])
+@pytest.mark.parametrize("period_us", [50_000, 0])
+def test_a_file_without_a_frame_rate_needs_one(tmp_path: Path, scale: int, rate: int, period_us: int) -> None:
+    """FFmpeg takes the period of the main header, and 25 fps without one."""
+    data = bytearray(avi([jpeg(n) for n in range(3)]))
+    struct.pack_into("<II", data, data.index(b"vids") + 20, scale, rate)
+    struct.pack_into("<I", data, data.index(b"avih") + 8, period_us)
+    found, path = parsed(tmp_path, bytes(data)), tmp_path / "v.avi"
+    if period_us:
+        assert (found.frames, found.rate, found.problems) == (3, Fraction(20), ())
+        assert video_times(path).at(np.array([2])).tolist() == [100_000_000]
+        assert [p.index for p in decode(examine(path), 0, None, lambda loss: None)] == [0, 1, 2]
+        return
+    assert found.frames is None
+    with pytest.raises(InputError, match=r"states no frame rate, and AVI has no time stamps; give .*fps"):
+        video_times(path)
+    assert video_times(path, fps=Fraction(10)).at(np.array([2])).tolist() == [200_000_000]
 
 
 def test_frames_are_announced_up_to_a_limit(tmp_path: Path) -> None:

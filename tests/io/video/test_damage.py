@@ -184,6 +184,12 @@ def test_a_range_of_frames_is_read_and_checked_alone(whole: dict[str, bytes], tm
         ("text.mp4", b"frame,camera\n1,2\n" * 50, "not a video file that FFmpeg can read"),
         ("noise.avi", bytes(np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8)), "not a video file"),
         ("head.mkv", b"\x1a\x45\xdf\xa3" + bytes(3000), "cannot be opened"),
+        (
+            "page.mp4",
+            b"<!DOCTYPE html>\n<html><title>Sign in</title></html>\n",
+            "is a web page.*download the file itself",
+        ),
+        ("pointer.mkv", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "Git LFS.*git lfs pull"),
         ("list.mp4", b"#EXTM3U\n#EXTINF:1\n/etc/passwd\n", "not a video file"),
     ],
 )

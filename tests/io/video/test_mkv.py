@@ -8,9 +8,12 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
+from stream_samples import H264
 
+from occlog.io.frames.decode import decode, examine
 from occlog.io.video.container import MAX_FAULTS, SPHERE, STEREO, Container
 from occlog.io.video.reader import read_container
+from occlog.records.losses import Loss
 
 STEP = 40_000_000
 
@@ -166,3 +169,30 @@ def test_a_video_track_is_needed(tmp_path: Path, kind: int) -> None:
     found = parsed(tmp_path, video(cluster(0, block(0)), kind=kind))
     assert found.frames is None
     assert found.problems[-1] == ("header", "no video track is named")
+
+
+@pytest.mark.parametrize("first", [0, 1, 3])
+def test_frames_before_the_first_key_frame_are_lost_and_the_others_keep_their_times(tmp_path: Path, first: int) -> None:
+    """FFmpeg counts times from 0, then from the packet at which it knows the order; key frames are 0, 6 and 12."""
+    blocks = [block(40 * k, flags=0x80 * (k % 6 == 0), picture=H264[k]) for k in range(first, len(H264))]
+    path = tmp_path / "v.mkv"
+    path.write_bytes(video(cluster(0, *blocks), codec=b"V_MPEG4/ISO/AVC"))
+    found = examine(path)
+    assert found.container is not None
+    missing = (6 - first) % 6
+    assert found.container.first_key == missing
+    losses: list[Loss] = []
+    pictures = [
+        (p.index + first, round((float(p.image[:, :24].mean()) - 20) / 10))
+        for p in decode(found, 0, None, losses.append)
+    ]
+    assert pictures == [(k, k) for k in range(first + missing, len(H264))]
+    assert [loss.count for loss in losses] == ([missing] if missing else [])
+
+
+def test_a_group_without_a_reference_holds_a_key_frame(tmp_path: Path) -> None:
+    plain = element(0xA1, b"\x81" + struct.pack(">hB", 40, 0) + b"picture")
+    later = element(0xA0, plain + element(0xFB, b"\xd8"))
+    assert parsed(tmp_path, video(cluster(0, later))).first_key == 0
+    key = element(0xA0, plain.replace(struct.pack(">h", 40), struct.pack(">h", 80)))
+    assert parsed(tmp_path, video(cluster(0, later, key, block(120)))).first_key == 1

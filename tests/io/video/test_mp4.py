@@ -238,3 +238,23 @@ def test_eight_bytes_make_an_mp4_file(tmp_path: Path, data: bytes, known: bool) 
     path = tmp_path / "v.mp4"
     path.write_bytes(data)
     assert (read_container(path) is not None) == known
+
+
+def test_a_second_film_behind_the_first_is_reported(tmp_path: Path) -> None:
+    """As `cat a.mp4 b.mp4` writes them; FFmpeg reads the first."""
+    named = box(b"ftyp", b"isom") + whole()
+    found = parsed(tmp_path, named + named)
+    assert found.frames == len(SIZES)
+    ((where, what),) = found.problems
+    assert where == f"byte {len(named)}"
+    assert what.startswith("another video of 3 frames, which are not read, from there on")
+    assert f"tail -c +{len(named) + 1}" in what
+    ((_, what),) = parsed(tmp_path, named * 3).problems
+    assert what.startswith("2 more videos of 6 frames")
+
+
+def test_an_index_without_samples_may_be_repeated(tmp_path: Path) -> None:
+    """Segments of a stream, each with its own beginning (ftyp, moov) before its fragments."""
+    begin = box(b"ftyp", b"isom") + movie(samples(()))
+    assert parsed(tmp_path, box(b"ftyp", b"isom") + whole() + begin + begin).problems == ()
+    assert parsed(tmp_path, box(b"ftyp", b"isom") + whole() + box(b"free", b"")).problems == ()

@@ -12,6 +12,7 @@ import pytest
 from video_samples import HEIGHT, WIDTH, numbered, write_video
 
 from occlog.errors import InputError
+from occlog.io.frames.codec import Contents
 from occlog.io.frames.decode import _Raw, _start_s
 from occlog.io.frames.decoders.process import Decoder, start_decoder
 from occlog.io.video.reader import read_container
@@ -251,6 +252,34 @@ def test_black_and_identical_pictures_are_stated(
         with start_decoder(job) as running:
             assert len([*running.delivered()]) == count
         assert running.facts == ([] if fact is None else [fact])
+
+
+@pytest.mark.parametrize(
+    ("levels", "facts"),
+    [
+        ([90, 91, *[3] * 4, 92, 2, 93, *[0, 20]], [(2, 5), (9, 10)]),
+        ([*[3] * 3, 90, 30], [(0, 2)]),
+        ([90, 25, 26, 91], []),
+        ([4] * 3, None),
+    ],
+)
+def test_rows_of_black_images_are_stated(levels: list[int], facts: list[tuple[int, int]] | None) -> None:
+    contents = Contents()
+    for n, level in enumerate(levels):
+        contents.add(np.full((16, 16, 3), level, np.uint8), n)
+    if facts is None:
+        assert contents.facts()[0][0] == "pictures-black"
+    else:
+        assert contents.facts() == [("pictures-black-run", {"first": a, "last": b}) for a, b in facts]
+
+
+def test_black_images_are_one_lit_pixel_from_being_others() -> None:
+    contents = Contents()
+    image = np.zeros((32, 32), np.uint8)
+    image[5, 3] = 200
+    for n in range(3):
+        contents.add(image if n else image + 50, n)
+    assert contents.facts() == []
 
 
 def inserted(data: bytes, box: bytes) -> bytes:

@@ -41,7 +41,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.limits import HIVE_CSV, bounded_text, check_input, folder_hint
-from occlog.io.files.names import last_number, match_sensor, natural_sorted
+from occlog.io.files.names import is_hidden, last_number, match_sensor, natural_sorted
 from occlog.io.files.programs import refuse_unread
 from occlog.io.files.texts.csv_rows import ROWS_PER_CHUNK, CsvRows, text_lines
 from occlog.io.files.texts.documents import parse_json
@@ -156,7 +156,9 @@ def frame_files(folder: Path) -> dict[int, Path]:
 
     InputError if two files have one number.
     """
-    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and last_number(p.stem)]
+    names = [
+        p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and not is_hidden(p) and last_number(p.stem)
+    ]
     found: dict[int, Path] = {}
     for name in natural_sorted(names):
         number = int(last_number(Path(name).stem) or 0)
@@ -313,7 +315,7 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
     own = _labels(path)
     if own is not None:
         return {None: own}
-    found = {p.name: _labels(p) for p in sorted(path.iterdir()) if p.is_dir() and not p.name.startswith(".")}
+    found = {p.name: _labels(p) for p in sorted(path.iterdir()) if p.is_dir() and not is_hidden(p)}
     cameras: dict[str | None, Path] = {name: folder for name, folder in found.items() if folder is not None}
     if not cameras:
         for folder in (path, *(path / name for name in found)):
@@ -334,7 +336,11 @@ def _labels(folder: Path) -> Path | None:
 
 def label_files(folder: Path) -> list[Path]:
     """YOLO label files in a folder (`.txt` with a number in the name, except `classes.txt`), in natural order."""
-    names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
+    names = [
+        p.name
+        for p in folder.iterdir()
+        if p.suffix.lower() == ".txt" and not is_hidden(p) and p.name.lower() != CLASS_NAMES
+    ]
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 

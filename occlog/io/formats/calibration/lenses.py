@@ -48,7 +48,8 @@ def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
     given = np.asarray(lens.coefficients, dtype=np.float64).reshape(-1)
     if not np.isfinite(given).all():
         raise InputError(
-            f"{where}: distortion {given.tolist()}; finite numbers were expected", id="invalid-calibration"
+            f"{where}: distortion {given.tolist()}; finite numbers were expected; calibrate again, from more images",
+            id="invalid-calibration",
         )
     model = lens.model
     if model is None and wanted is not None:

@@ -152,7 +152,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
     target = None if slots is None else partial(slots.target, (height, width, 3))
     contents = Contents()
     for picture in decode(video, start, job["stop"], losses.append, sizes, target, keys):
-        contents.add(picture.image)
+        contents.add(picture.image, picture.index)
         _deliver(job, out, picture.index, picture.pos_ns, picture.image, slots)
     return contents.facts()
 
@@ -245,7 +245,7 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> Fa
     for picture, data in load(files, size, losses.append, news):
         kind = image_kind(data)
         delivered += 1
-        contents.add(picture.image)
+        contents.add(picture.image, picture.index)
         if kind is not None and job["store"] in (kind, "keep"):
             send(out, {"i": picture.index, "p": None, "k": kind}, data)
         else:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 import re
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
@@ -462,3 +462,18 @@ def numbers_of(loss: Loss) -> tuple[int, int] | None:
     """First and last frame number of a loss made by `segments`; None for other losses."""
     found = FRAMES.fullmatch(loss.place)
     return None if found is None else (int(found[1]), int(found[2] or found[1]))
+
+
+def joined(losses: Iterable[Loss]) -> list[Loss]:
+    """Losses in order, in which those made by `segments` that go on in the next batch of frames are one."""
+    out: list[Loss] = []
+    latest: dict[tuple[str, str], int] = {}
+    for loss in losses:
+        numbers, k = numbers_of(loss), latest.get((loss.source, loss.what))
+        before = None if k is None else numbers_of(out[k])
+        if numbers is None or k is None or before is None or numbers[0] != before[1] + 1:
+            latest[loss.source, loss.what] = len(out)
+            out.append(loss)
+        else:
+            out[k] = replace(loss, place=f"frames {before[0]} to {numbers[1]}", count=out[k].count + loss.count)
+    return out

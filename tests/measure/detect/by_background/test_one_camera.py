@@ -15,6 +15,7 @@ from occlog.measure.detect.by_background.one_camera import (
     CameraState,
     check_background,
     check_size,
+    joined,
     known_sizes,
     numbers_of,
     plain_image,
@@ -155,3 +156,17 @@ def test_backgrounds_of_images_beyond_the_limit_are_refused(
     assert raised.value.id == "input-too-large"
     assert spelled(str(raised.value)).endswith(f"--downscale {wanted} or more")
     check_background(CAMERA, kind, size, wanted)
+
+
+def test_frames_that_are_lost_in_batches_that_go_on_are_one_loss() -> None:
+    parts = [*segments("a", [(n, "light") for n in range(8)]), *segments("b", [(5, "light")])]
+    parts += [*segments("a", [(8, "light"), (9, "light"), (10, "size")]), Loss("a", "header", "damaged")]
+    parts += [*segments("a", [(12, "light")]), *segments("a", [(13, "light")])]
+    got = [(loss.source, loss.place, loss.what, loss.count) for loss in joined(parts)]
+    assert got == [
+        ("a", "frames 0 to 9", "light", 10),
+        ("b", "frame 5", "light", 1),
+        ("a", "frame 10", "size", 1),
+        ("a", "header", "damaged", 0),
+        ("a", "frames 12 to 13", "light", 2),
+    ]

@@ -8,7 +8,7 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless stated otherwise.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ YES, NO = ("1", "true"), ("0", "false", "none")
 BROWN = ("plumb_bob", "radtan", "brown", "rational_polynomial", "thin_prism", "tilted", "opencv", "none", "pinhole")
 FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "opencv_fisheye")
 """Names of `distortion_model`."""
+_NOT_FINITE = re.compile(r"[+-]?\.?(?:nan|inf)", re.IGNORECASE)
 MAX_NUMBERS = 10_000
 DIGITS = 9
 """Maximum number of digits of a number of rows or columns."""
@@ -198,9 +199,25 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
             raise ValueError
         return array.reshape(shape) if shape else array
     except (ValueError, TypeError):
+        # OpenCV writes .Nan and .Inf, which are texts in YAML
+        if (bad := next((text for text in _texts(value) if _NOT_FINITE.fullmatch(text)), None)) is not None:
+            raise InputError(
+                f"{where}: {key} holds {bad}, as after a calibration that did not converge; calibrate again, from more "
+                "images",
+                id="invalid-calibration",
+            ) from None
         raise InputError(
             f"{where}: {key} is not a matrix of numbers of the stated shape", id="invalid-calibration"
         ) from None
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield the texts in nested lists, and the words of texts among them."""
+    if isinstance(value, str):
+        yield from value.split()
+    elif isinstance(value, list):
+        for each in value:
+            yield from _texts(each)
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:

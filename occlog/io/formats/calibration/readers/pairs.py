@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 
 from occlog.errors import InputError
+from occlog.io.files.names import is_hidden
 from occlog.records.scene import Camera
 
 from ..common import CalibrationOptions, check_camera_matrix, read_text
@@ -49,7 +50,8 @@ def folder_files(path: Path) -> list[Path] | None:
     if lenses is None or not poses_folder.is_dir():
         return None
     kept = (".xml", ".yml", ".yaml", ".json")
-    return sorted(p for folder in (poses_folder, lenses) for p in folder.iterdir() if p.suffix.lower() in kept)
+    every = (p for folder in (poses_folder, lenses) for p in folder.iterdir())
+    return sorted(p for p in every if p.suffix.lower() in kept and not is_hidden(p))
 
 
 def detect(text: str) -> bool:

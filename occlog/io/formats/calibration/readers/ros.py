@@ -71,6 +71,37 @@ class Transform(NamedTuple):
     translation: Floats
 
 
+class _Tree(dict[str, Transform]):
+    """Pose of each frame in its parent, by the last of its transforms.
+
+    Attributes:
+        given: all transforms, with the names of their frames.
+        parents: parents in any of them.
+    """
+
+    def __init__(self, given: Sequence[tuple[str, Transform]]) -> None:
+        """Take transforms with the names of their frames, in order."""
+        super().__init__(given)
+        self.parents = list(dict.fromkeys(transform.parent for _, transform in given))
+        self.given = given
+
+    def check(self, frame: str, where: str) -> None:
+        """InputError if a frame has transforms with different parents or poses; `where` is the camera, for messages."""
+        last = self[frame]
+        for other in (transform for name, transform in self.given if name == frame):
+            if other.parent != last.parent:
+                raise InputError(
+                    f"{where}: frame {frame} has several parents, {other.parent} and {last.parent}; keep one transform",
+                    id="invalid-calibration",
+                )
+            distance, angle = apart(other[1:], last[1:])
+            if distance > STILL_M or angle > STILL_RAD:
+                raise InputError(
+                    f"{where}: {two_poses(frame, last.parent, other[1:], last[1:])}; keep one of them",
+                    id="invalid-calibration",
+                )
+
+
 def detect(text: str) -> bool:
     """Whether a text is a `camera_info` or transforms of ROS, in YAML."""
     head = text.lstrip()[:1] in ("<", "{") or text.startswith("%YAML") or "opencv-matrix" in text
@@ -86,7 +117,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         InputError: there are no transforms or no cameras, the transforms have several roots, or a camera is invalid.
     """
     lenses: dict[str, tuple[Path, Mapping[str, object]]] = {}
-    tree: dict[str, Transform] = {}
+    given: list[tuple[str, Transform]] = []
     for path in paths:
         for part in _documents(path):
             if any(key in part for key in ("camera_matrix", "k", "K")):
@@ -97,7 +128,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
                     )
                 lenses[name] = (path, part)
             else:
-                tree |= dict(_transforms(path, part))
+                given += _transforms(path, part)
+    tree = _Tree(given)
     if not lenses:
         raise InputError(
             f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well", id="missing-pose"
@@ -179,6 +211,26 @@ def quaternion_rotation(w: float, x: float, y: float, z: float) -> Floats:
     )
 
 
+STILL_M, STILL_RAD = 0.02, math.radians(0.5)
+"""Up to this, changes of a pose are taken for noise of the localisation; what moves more is no fixed camera."""
+
+
+def apart(a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses: rotation (3, 3) and translation (3,) [m] each."""
+    cosine = (float(np.trace(a[0].T @ b[0])) - 1) / 2
+    return float(np.linalg.norm(a[1] - b[1])), math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def two_poses(frame: str, parent: str, a: tuple[Floats, Floats], b: tuple[Floats, Floats]) -> str:
+    """Text on two static poses (`apart`) of a frame in its parent."""
+    distance, angle = apart(a, b)
+    places = " and ".join("({})".format(", ".join(f"{x:.4g}" for x in place)) for _, place in (a, b))
+    return (
+        f"frame {frame!r} has different static transforms in {parent!r}: at {places}, {distance:.3g} m and "
+        f"{math.degrees(angle):.3g} degrees apart"
+    )
+
+
 def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
     for _ in range(len(tree) + 1):
         if frame not in tree:
@@ -187,14 +239,25 @@ def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
     raise InputError(f"{path}: the transforms of {frame} form a cycle; correct them", id="invalid-calibration")
 
 
-def _camera(
-    name: str, path: Path, part: Mapping[str, object], tree: Mapping[str, Transform], options: CalibrationOptions
-) -> Camera:
+def _is_optical(frame: str, camera: str) -> bool:
+    """Whether a frame is by its name the optical frame of a camera."""
+    return frame != camera and _OPTICAL.sub("", frame) == camera
+
+
+def _camera(name: str, path: Path, part: Mapping[str, object], tree: _Tree, options: CalibrationOptions) -> Camera:
     where = f"{path}: camera {name}"
     options.check_keys(name, part, KEYS)
     header = part.get("header")
     stated = str(header.get("frame_id", "")).lstrip("/") if isinstance(header, dict) else ""
-    names = [stated] if stated in tree else [f for f in tree if _OPTICAL.sub("", f) == name and f != name]
+    names = [stated] if stated in tree else [f for f in tree if _is_optical(f, name)]
+    exchanged = next((f for f in tree.parents if f == stated or _is_optical(f, name)), None)
+    if not names and exchanged is not None:
+        children = abridged(dict.fromkeys(child for child, each in tree.given if each.parent == exchanged))
+        raise InputError(
+            f"{where}: frame {exchanged} is only a parent in the transforms (of {children}); if parent and child are "
+            "exchanged, invert each of them: R' = R transposed, t' = -R' t",
+            id="missing-pose",
+        )
     if len(names) != 1:
         raise InputError(
             f"{where}: exactly one frame {name}_optical_frame (x right, y down, z forward) is needed, but the "
@@ -204,6 +267,7 @@ def _camera(
     rotation, position = np.eye(3), np.zeros(3)
     frame = names[0]
     while frame in tree:
+        tree.check(frame, where)
         step = tree[frame]
         rotation, position = step.rotation @ rotation, step.rotation @ position + step.translation
         frame = step.parent
