@@ -13,7 +13,7 @@ from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, StatedNoiseCheck
 from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.range_biases import RangeBiases
-from occlog.consistency.systematic_errors import SystematicErrors
+from occlog.consistency.systematic_errors import SYSTEMATIC, SystematicErrors
 from occlog.consistency.verdict import MOTION, ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
@@ -143,14 +143,20 @@ class TrackSummary:
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         against = "bearings contradict the motion" if any(check.found for check in labels) else ""
-        sensors = () if self.joint else self.sensors.checks(unless=against, ranges=self.ranges is not None)
+        reading = self.compass.checks()
+        misread = any(check.status == "failed" for check in reading)
+        sensors: tuple[Check, ...] = ()
+        if misread:
+            sensors = outcome(SYSTEMATIC, (), unless="bearings fit each other in another reading")
+        elif not self.joint:
+            sensors = self.sensors.checks(unless=against, ranges=self.ranges is not None)
         if self.ranges is not None:
             sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
         off = "a sensor is off" if any(check.status == "failed" for check in sensors) else ""
         motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
         if motion:
             found = tuple(check for check in found if check.name != MOTION)
-        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
+        return (*number, *self.sharp.checks(), *reading, *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
         """Return the mean effective sample size as a figure by name; {} if the method has no particles."""
