@@ -1,20 +1,37 @@
-"""Frozen cameras: a stream that repeats one frame, after it has lost its source, while other cameras continue."""
+"""Frozen sensors: a stream that repeats one frame or value, after it has lost its source, while others continue.
+
+Values of a sensor that is quantised coarsely, or without noise, repeat rightly, above all of a target that stands. A
+repeated value is judged only where the sensor otherwise has noise of several of its resolutions: its differences of
+fourth order are larger than those of third order (those of a smooth path are smaller), and few values repeat.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS
-from occlog.records.tables import Boxes
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.records.declared.sensors import Measurements
+from occlog.records.tables import Bearings, Boxes
+from occlog.records.verdicts import Check, finding, outcome
 
 MIN_FROZEN_NS, MIN_FROZEN_FRAMES = 3 * NS, 10
 """Duration [ns] and number of identical frames from which a camera counts as frozen."""
 MAX_COMMON_SHARE = 0.5
 """Share of that time in which another camera may be frozen, too, and still counts as moving."""
+FROZEN = "repeated values"
+"""Name of the check of values."""
+MAX_VALUES = 100_000
+"""Values of a sensor and target that are checked, the first ones."""
+MIN_NOISY, MAX_REPEATED_SHARE = 20, 0.05
+"""Values outside of the run that are needed, and share of them that may repeat the one before."""
+MIN_NOISE_STEPS, MIN_ROUGHNESS = 5.0, 1.2
+"""Median second difference, in resolutions of the values, and median fourth difference over the third, from which a
+sensor has noise that two successive values hardly share. For white noise the ratio is 1.87."""
 
 
 class FrozenFrames(NamedTuple):
@@ -97,3 +114,87 @@ class FrozenCameras:
         if run is not None and run.last_ns - run.first_ns >= MIN_FROZEN_NS and run.frames >= MIN_FROZEN_FRAMES:
             known.runs.append(run)
         known.run = None
+
+
+class FrozenValues:
+    """Finds bearings or ranges of a sensor that repeat one value to all digits, while those of others change."""
+
+    def __init__(self) -> None:
+        """Start without values."""
+        self._kept: dict[tuple[str, int, str], list[tuple[Ints, Floats]]] = {}  # of what, target and sensor
+        self._counts: dict[tuple[str, int, str], int] = {}
+
+    def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+        """Generate the chunks unchanged, and collect their bearings."""
+        for chunk in chunks:
+            self._collect("bearings", chunk, chunk.bearing, chunk.seen & np.isfinite(chunk.bearing))
+            yield chunk
+
+    def watch_ranges(self, chunks: Iterable[Measurements]) -> Iterator[Measurements]:
+        """Generate the chunks unchanged, and collect their ranges."""
+        for chunk in chunks:
+            self._collect("ranges", chunk, chunk.range, np.isfinite(chunk.range))
+            yield chunk
+
+    def _collect(self, what: str, table: Bearings | Measurements, values: Floats, use: Bools) -> None:
+        """Collect values (N,) of the rows to use (N,), `MAX_VALUES` of each sensor and target at most."""
+        for target in np.unique(table.target_id[use]).tolist():
+            for name in np.unique(table.sensor[use & (table.target_id == target)]).tolist():
+                own = use & (table.target_id == target) & (table.sensor == name)
+                key = (what, target, name)
+                if self._counts.get(key, 0) < MAX_VALUES:
+                    self._counts[key] = self._counts.get(key, 0) + int(np.count_nonzero(own))
+                    self._kept.setdefault(key, []).append((table.t_ns[own], values[own]))
+
+    def checks(self) -> tuple[Check, ...]:
+        """Return the check, with a finding for each sensor that repeats one value while others change."""
+        several = len({name for _, _, name in self._kept}) > 1
+        return outcome(FROZEN, self._findings(), unless="" if several else "there is one sensor")
+
+    def _findings(self) -> Iterator[Check]:
+        """Generate a finding for the longest run of each sensor; times are from the first value of all."""
+        series = {
+            key: (np.concatenate([t for t, _ in kept]), np.concatenate([v for _, v in kept]))
+            for key, kept in self._kept.items()
+        }
+        begin_ns = min((int(t_ns[0]) for t_ns, _ in series.values()), default=0)
+        named: set[str] = set()
+        for what, target in dict.fromkeys((what, target) for what, target, _ in series):
+            own = {name: series[what, target, name] for w, t, name in series if (w, t) == (what, target)}
+            if not any(_may_repeat(*each) for each in own.values()):
+                continue
+            frozen = FrozenCameras()
+            for name, (t_ns, values) in own.items():
+                # Where a frame has several values, none is followed
+                alone = (np.diff(t_ns, prepend=-1) != 0) & (np.diff(t_ns, append=-1) != 0)
+                for t, value, single in zip(t_ns.tolist(), values.tolist(), alone.tolist(), strict=True):
+                    frozen.add(name, t, value if single else None)
+            for run in frozen.found():
+                t_ns, values = own[run.camera]
+                if run.camera not in named and _noisy(values, (t_ns >= run.first_ns) & (t_ns <= run.last_ns)):
+                    named.add(run.camera)
+                    begin_s, duration_s = (run.first_ns - begin_ns) / NS, (run.last_ns - run.first_ns) / NS
+                    values_s = {"count": run.frames, "duration_s": duration_s, "begin_s": begin_s, "what": what}
+                    yield finding(FROZEN, "sensor-frozen", sensors=[run.camera], **values_s)
+
+
+def _may_repeat(t_ns: Ints, values: Floats) -> bool:
+    """Return whether some value (N,) at times (N,) [ns] is repeated for as long as a frozen sensor does."""
+    edges = np.flatnonzero(np.diff(values) != 0.0).tolist()
+    runs = pairwise([-1, *edges, len(values) - 1])
+    return any(b - a >= MIN_FROZEN_FRAMES and t_ns[b] - t_ns[a + 1] >= MIN_FROZEN_NS for a, b in runs)
+
+
+def _noisy(values: Floats, run: Bools) -> bool:
+    """Return whether values (N,) outside of a run (N,) have noise far above their resolution.
+
+    Bearings are continuous there: a turn more or less only adds a few outliers to the medians.
+    """
+    outside = values[~run]
+    if len(outside) < MIN_NOISY or np.mean(np.diff(outside) == 0.0) > MAX_REPEATED_SHARE:
+        return False
+    second, third, fourth = (np.median(np.abs(np.diff(outside, n))) for n in (2, 3, 4))
+    # Steps of rounding in other units are not equal to the last bits
+    gaps = np.diff(np.unique(outside))
+    resolution = gaps[gaps > 1e-9 * np.ptp(outside)].min()
+    return bool(second >= MIN_NOISE_STEPS * resolution and fourth >= MIN_ROUGHNESS * third)

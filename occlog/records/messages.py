@@ -272,6 +272,11 @@ VERDICT: dict[str, Message] = {
         "bearings meet to {misfit_deg:.2g} degrees (as given {given_deg:.2g}) if {change}",
         "correct the table or the scene",
     ),
+    "sensor-frozen": Message(
+        W,
+        "{sensors}: {count} identical {what} in {duration_s:.3g} s from {begin_s:.4g} s on, while others change",
+        "leave these rows out if its program or link had stopped",
+    ),
     "noise-unit": Message(
         W,
         "bearings of {sensors} scatter by {scatter_deg:.2g} degrees, and state {sigma_deg:.2g}: their sigma may be in "
