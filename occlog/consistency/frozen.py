@@ -7,6 +7,7 @@ fourth order are larger than those of third order (those of a smooth path are sm
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -23,6 +24,14 @@ MIN_FROZEN_NS, MIN_FROZEN_FRAMES = 3 * NS, 10
 """Duration [ns] and number of identical frames from which a camera counts as frozen."""
 MAX_COMMON_SHARE = 0.5
 """Share of that time in which another camera may be frozen, too, and still counts as moving."""
+MIN_BLOCKS, MIN_BLOCK_SHARE = 10, 0.9
+"""Blocks of frames with equal boxes, and share of them with the same number of frames, from which a detector holds."""
+MAX_LAG_NS = NS // 10
+"""Time for which a detector may hold boxes [ns]: those of a video with each frame twice are no fault."""
+MIN_LOOP_FRAMES, MIN_LOOP_SHARE = 30, 0.9
+"""Different frames that are repeated, and share of the frames meanwhile, from which a video was played again."""
+MAX_FRAMES = 200_000
+"""Frames of a camera that are compared, the first ones."""
 FROZEN = "repeated values"
 """Name of the check of values."""
 MAX_VALUES = 100_000
@@ -32,6 +41,21 @@ MIN_NOISY, MAX_REPEATED_SHARE = 20, 0.05
 MIN_NOISE_STEPS, MIN_ROUGHNESS = 5.0, 1.2
 """Median second difference, in resolutions of the values, and median fourth difference over the third, from which a
 sensor has noise that two successive values hardly share. For white noise the ratio is 1.87."""
+
+
+def frame_contents(boxes: Boxes) -> Iterator[tuple[str, int, Hashable]]:
+    """Generate camera, time [ns] and content of complete frames, by camera and time; None: the frame has no boxes.
+
+    Contents are equal if number and sums of boxes are.
+    """
+    for name in np.unique(boxes.sensor).tolist():
+        own = boxes.take(np.flatnonzero(boxes.sensor == name))
+        first = np.flatnonzero(np.diff(own.t_ns, prepend=-1) != 0)
+        edges = np.column_stack([own.left_px, own.top_px, own.width_px, own.height_px])
+        sums = np.add.reduceat(edges, first) if len(first) else edges
+        counts = np.diff(np.append(first, len(own)))
+        for t_ns, count, values in zip(own.t_ns[first].tolist(), counts.tolist(), sums.tolist(), strict=True):
+            yield name, t_ns, (count, *values) if values[0] == values[0] else None
 
 
 class FrozenFrames(NamedTuple):
@@ -79,14 +103,8 @@ class FrozenCameras:
 
     def add_boxes(self, boxes: Boxes) -> None:
         """Add the boxes of complete frames, in the order of time; frames are equal if number and sums of boxes are."""
-        for name in np.unique(boxes.sensor).tolist():
-            own = boxes.take(np.flatnonzero(boxes.sensor == name))
-            first = np.flatnonzero(np.diff(own.t_ns, prepend=-1) != 0)
-            edges = np.column_stack([own.left_px, own.top_px, own.width_px, own.height_px])
-            sums = np.add.reduceat(edges, first) if len(first) else edges
-            counts = np.diff(np.append(first, len(own)))
-            for t_ns, count, values in zip(own.t_ns[first].tolist(), counts.tolist(), sums.tolist(), strict=True):
-                self.add(name, t_ns, (count, *values) if values[0] == values[0] else None)
+        for name, t_ns, content in frame_contents(boxes):
+            self.add(name, t_ns, content)
 
     def found(self) -> Iterator[FrozenFrames]:
         """Generate the longest run of each camera that is frozen while another camera is not.
@@ -114,6 +132,83 @@ class FrozenCameras:
         if run is not None and run.last_ns - run.first_ns >= MIN_FROZEN_NS and run.frames >= MIN_FROZEN_FRAMES:
             known.runs.append(run)
         known.run = None
+
+
+class RepeatedPart(NamedTuple):
+    """Part of a camera's boxes that repeats an earlier part, frame by frame.
+
+    `first_ns` is its first time [ns], `frames` are its frames with boxes that are repeated, `later_ns` is how much
+    later they are [ns].
+    """
+
+    camera: str
+    first_ns: int
+    frames: int
+    later_ns: int
+
+
+class RepeatedBoxes:
+    """Finds boxes that a detector holds for several frames, and those of a video that was played again."""
+
+    def __init__(self) -> None:
+        """Start without frames."""
+        self._frames: dict[str, list[tuple[int, Hashable]]] = {}
+
+    def add_boxes(self, boxes: Boxes) -> None:
+        """Add the boxes of complete frames, in the order of time."""
+        for name, t_ns, content in frame_contents(boxes):
+            own = self._frames.setdefault(name, [])
+            if len(own) < MAX_FRAMES:
+                own.append((t_ns, content if content is None else hash(content)))
+
+    def held(self) -> dict[int, list[str]]:
+        """Return the cameras with boxes that change in every n-th frame only, by n > 1."""
+        out: dict[int, list[str]] = {}
+        for name, own in sorted(self._frames.items()):
+            contents = [content for _, content in own]
+            starts = [n for n in range(len(own)) if not n or contents[n] != contents[n - 1]]
+            # The first and the last may be cut off, and frames without boxes may be missing
+            ends = [*starts[1:], len(own)]
+            blocks = [(a, b) for a, b in zip(starts[1:-1], ends[1:-1], strict=True) if contents[a] is not None]
+            lengths = Counter(b - a for a, b in blocks)
+            n, count = max(lengths.items(), key=lambda each: each[1], default=(1, 0))
+            if n > 1 and count >= MIN_BLOCKS and count >= MIN_BLOCK_SHARE * len(blocks):
+                out.setdefault(n, []).append(name)
+        return out
+
+    def lag_ns(self, cameras: Iterable[str], n: int) -> float:
+        """Return how long the boxes of cameras are held [ns] if they change in every n-th frame: n - 1 intervals."""
+        intervals = [np.median(np.diff([t_ns for t_ns, _ in self._frames[name]])) for name in cameras]
+        return float(max(intervals)) * (n - 1)
+
+    def looped(self) -> Iterator[RepeatedPart]:
+        """Generate the part of each camera that repeats an earlier one, while other cameras do not repeat theirs."""
+        found = {name: self._repeated(name) for name in sorted(self._frames)}
+        for part in found.values():
+            if part is None:
+                continue
+            others = [name for name, each in found.items() if each is None or each.later_ns != part.later_ns]
+            if any(t_ns >= part.first_ns and content is not None for o in others for t_ns, content in self._frames[o]):
+                yield part
+
+    def _repeated(self, name: str) -> RepeatedPart | None:
+        """Return the part of a camera's boxes that repeats an earlier one with most frames; None without any."""
+        own = [(n, t_ns, content) for n, (t_ns, content) in enumerate(self._frames[name]) if content is not None]
+        first: dict[Hashable, int] = {}
+        again: dict[int, list[int]] = {}  # number of the frame, by how many frames it is later
+        before: Hashable = None
+        for n, _, content in own:
+            if content != before and first.setdefault(content, n) < n:
+                again.setdefault(n - first[content], []).append(n)
+            before = content
+        later, frames = max(again.items(), key=lambda each: len(each[1]), default=(0, []))
+        if len(frames) < MIN_LOOP_FRAMES:
+            return None
+        during = sum(frames[0] <= n <= frames[-1] for n, _, _ in own)
+        if len(frames) < MIN_LOOP_SHARE * during:
+            return None
+        times = [t_ns for t_ns, _ in self._frames[name]]
+        return RepeatedPart(name, times[frames[0]], len(frames), times[frames[0]] - times[frames[0] - later])
 
 
 class FrozenValues:
@@ -174,8 +269,15 @@ class FrozenValues:
                 if run.camera not in named and _noisy(values, (t_ns >= run.first_ns) & (t_ns <= run.last_ns)):
                     named.add(run.camera)
                     begin_s, duration_s = (run.first_ns - begin_ns) / NS, (run.last_ns - run.first_ns) / NS
-                    values_s = {"count": run.frames, "duration_s": duration_s, "begin_s": begin_s, "what": what}
-                    yield finding(FROZEN, "sensor-frozen", sensors=[run.camera], **values_s)
+                    yield finding(
+                        FROZEN,
+                        "sensor-frozen",
+                        sensors=[run.camera],
+                        count=run.frames,
+                        duration_s=duration_s,
+                        begin_s=begin_s,
+                        what=what,
+                    )
 
 
 def _may_repeat(t_ns: Ints, values: Floats) -> bool:

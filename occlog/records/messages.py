@@ -900,6 +900,16 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
         "if its stream had stopped, omit these frames",
     ),
+    "boxes-repeated": Message(
+        W,
+        "camera {sensors}: boxes change in one of {n} frames only, and repeat for {lag_s:.2g} s (allowed: {allowed:g})",
+        "leave the repeated frames out and keep the frame numbers",
+    ),
+    "boxes-looped": Message(
+        W,
+        "camera {sensors}: {count} frames from {time} on repeat the boxes of {later_s:.4g} s before, unlike others",
+        "its video was played again: omit these frames",
+    ),
     "boxes-end-early": Message(N, "camera {sensors}: its boxes end at frame {last} of {frames} of its images; {hint}"),
     "truth-times-disjoint": Message(
         W,

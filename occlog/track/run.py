@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, StatedNoiseCheck
-from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.frozen import FrozenValues
+from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.range_biases import RangeBiases
 from occlog.consistency.systematic_errors import SYSTEMATIC, SystematicErrors
 from occlog.consistency.verdict import MOTION, ConsistencyEvidence

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.consistency.frozen import FrozenCameras, FrozenValues
+from occlog.consistency.frozen import FrozenCameras, FrozenValues, RepeatedBoxes
 from occlog.records.tables import Bearings, Boxes
 from occlog.records.verdicts import findings
 
@@ -76,6 +76,52 @@ def test_boxes_in_parts(parts: int) -> None:
         frozen.add_boxes(Boxes.merge([boxes("a", times, None), boxes("b", times, 0)]))
     (run,) = frozen.found()
     assert (run.camera, run.first_ns, run.frames) == ("b", 0, 100)
+
+
+def as_boxes(camera: str, contents: list[int | None]) -> Boxes:
+    """A box in each frame, at a place of its own for each content; None: the frame has no box."""
+    N, nan = len(contents), np.nan
+    left = np.array([nan if c is None else 7.0 * c for c in contents])
+    return Boxes.of(
+        t_ns=np.arange(N) * STEP_NS,
+        sensor=np.full(N, camera),
+        frame=np.arange(N),
+        box=np.where(np.isnan(left), -1, 0),
+        target_id=np.full(N, -1),
+        left_px=left,
+        top_px=left,
+        width_px=0.0 * left + 50.0,
+        height_px=0.0 * left + 150.0,
+        confidence=np.full(N, nan),
+    )
+
+
+def repeated(**cameras: list[int | None]) -> RepeatedBoxes:
+    out = RepeatedBoxes()
+    for part in (slice(0, 90), slice(90, None)):
+        out.add_boxes(Boxes.merge([as_boxes(name, each).take(part) for name, each in cameras.items()]))
+    return out
+
+
+def test_boxes_that_change_in_every_fourth_frame_are_found() -> None:
+    held = [n // 4 for n in range(200)]
+    assert repeated(a=held, b=[None if 40 < c < 43 else c for c in held]).held() == {4: ["a", "b"]}
+    assert repeated(a=held).lag_ns(["a"], 4) == 3 * STEP_NS
+    # Each frame has its own, one that stands in whole pixels, and one that stands for some time
+    stands = np.random.default_rng(3).integers(1, 6, 60)
+    irregular = np.repeat(np.arange(60), stands).tolist()
+    assert repeated(a=MOVING, b=irregular, c=[*range(100), *[100] * 100]).held() == {}
+
+
+def test_a_part_that_is_played_again_is_found_with_its_time() -> None:
+    again: list[int | None] = [*range(100), *range(100)]
+    (part,) = repeated(a=MOVING, b=again).looped()
+    assert (part.camera, part.first_ns, part.frames, part.later_ns) == ("b", 100 * STEP_NS, 100, 100 * STEP_NS)
+    # A path that returns, one place that is visited again, and a simulation that is periodic in all cameras
+    assert list(repeated(a=MOVING, b=[*range(100), *range(99, -1, -1)]).looped()) == []
+    assert list(repeated(a=MOVING, b=[*range(100), *[5] * 100]).looped()) == []
+    assert list(repeated(a=again, b=again).looped()) == []
+    assert list(repeated(a=MOVING, b=[7] * 200).looped()) == []
 
 
 def named(of_b: np.ndarray, step: float = 1e-4) -> list[str]:
