@@ -432,7 +432,7 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors} detects {share:.0%} of the people in its view that others detect (allowed: {allowed:.0%} "
         "and more)",
-        "check its clock and pose",
+        "check its clock, pose, boxes and video",
     ),
     "camera-clock-offset": Message(
         W,
@@ -832,6 +832,11 @@ VERDICT: dict[str, Message] = {
         W,
         "{sensors}: its times gain {ppm:+.4g} ppm (minus: lose) on {other}",
         "check its clock and frame rate, or state the drift of its clock (drift_ppm) in a scene",
+    ),
+    "clock-rate-differs": Message(
+        W,
+        "{sensors}: its times pass at {factor} of the rate of {other}, which is no drift",
+        "its ticks have another unit, or its frames another rate: convert its times",
     ),
     "rate-implausible": Message(
         W,
