@@ -235,6 +235,11 @@ VERDICT: dict[str, Message] = {
         "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g}){rivals}",
         "use occlog track --method map --range-bias, or subtract it from them",
     ),
+    "ranges-fit-if": Message(
+        W,
+        "ranges meet to {misfit:.2g} {unit} (as given {given:.2g}) if {change}",
+        "correct the table or the scene",
+    ),
     "outliers": Message(
         W,
         _ROWS + "bearings of {sensors} contradict the motion; other bearings may be false too",
