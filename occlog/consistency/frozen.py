@@ -233,13 +233,17 @@ class FrozenValues:
 
     def _collect(self, what: str, table: Bearings | Measurements, values: Floats, use: Bools) -> None:
         """Collect values (N,) of the rows to use (N,), `MAX_VALUES` of each sensor and target at most."""
-        for target in np.unique(table.target_id[use]).tolist():
-            for name in np.unique(table.sensor[use & (table.target_id == target)]).tolist():
-                own = use & (table.target_id == target) & (table.sensor == name)
-                key = (what, target, name)
-                if self._counts.get(key, 0) < MAX_VALUES:
-                    self._counts[key] = self._counts.get(key, 0) + int(np.count_nonzero(own))
-                    self._kept.setdefault(key, []).append((table.t_ns[own], values[own]))
+        rows = np.flatnonzero(use)
+        if not len(rows):
+            return
+        target, (names, sensor) = table.target_id[rows], np.unique(table.sensor[rows], return_inverse=True)
+        order = np.lexsort((sensor, target))  # stable: times stay in order
+        cuts = np.flatnonzero((np.diff(target[order]) != 0) | (np.diff(sensor[order]) != 0)) + 1
+        for own in np.split(order, cuts):
+            key = (what, int(target[own[0]]), str(names[sensor[own[0]]]))
+            if self._counts.get(key, 0) < MAX_VALUES:
+                self._counts[key] = self._counts.get(key, 0) + len(own)
+                self._kept.setdefault(key, []).append((table.t_ns[rows[own]], values[rows[own]]))
 
     def checks(self) -> tuple[Check, ...]:
         """Return the check, with a finding for each sensor that repeats one value while others change."""
