@@ -126,6 +126,16 @@ NARROW_RAD, MIN_SPREAD_RAD = math.radians(2.0 * math.pi) + 1e-9, math.radians(0.
 """Radians or turns that were read as degrees are within this of 0; those of a target that moves differ by this."""
 CONVENTION = "angle convention"
 """Name of the check."""
+MIN_TURN_RAD, MIN_TURN_MISFIT_RAD2 = math.radians(3.0), math.radians(1.0) ** 2
+"""Least angle by which all arrays are turned that is named, and misfit as given [rad^2] from which it is estimated."""
+TURN_STEPS, TURN_GRID_RAD = 60, math.radians(4.0)
+"""Time steps, and distance of the angles, of the first search of that angle."""
+TURN_SHARE = 0.5
+"""All arrays are turned if lines then meet to less than this share of the misfit of any other reading, [rad^2]."""
+AS_WELL_RAD2 = math.radians(2.0) ** 2
+"""Readings of two stations with lines that meet to this fit as well as each other: two lines nearly always meet."""
+MAX_READINGS = 3
+"""Readings that fit as well which are named."""
 MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
 MIN_CROSSING = 0.1
@@ -176,6 +186,8 @@ _OF_ALL: dict[str, Reading] = {
     "the scene has yaw in radians as yaw_deg": lambda a: a._replace(bearing=a.bearing - a.yaw + np.degrees(a.yaw)),
 }
 """Other readings of the bearings of all arrays, in words with the remedy."""
+_OF_COMPASS = "they are clockwise from north: name the column compass_deg"
+_TURNED_ROUND = "those of {name} are turned by 180 degrees"
 _OF_NARROW = [[words for words in _OF_ALL if words.startswith(f"they are in {unit}")] for unit in ("turns", "radians")]
 """Those that are tried where all bearings are near 0, so that lines are parallel and meet nowhere."""
 _OF_ONE: dict[str, Callable[[_Angles], Floats]] = {
@@ -183,7 +195,7 @@ _OF_ONE: dict[str, Callable[[_Angles], Floats]] = {
     "those of {name} are in turns: multiply them by 360": lambda a: 360.0 * a.bearing,
     "those of {name} are in gon: multiply them by 0.9": lambda a: _of_gon(a.bearing),
     "those of {name} are clockwise: negate them": lambda a: 2.0 * a.yaw - a.bearing,
-    "those of {name} are turned by 180 degrees": lambda a: a.bearing + np.pi,
+    _TURNED_ROUND: lambda a: a.bearing + np.pi,
 }
 """Other readings of the bearings of one array of several."""
 
@@ -234,14 +246,62 @@ class AngleConventionCheck:
         plain = _median_misfit(self._steps)
         if 2 * self._near > len(self._steps):
             return outcome(CONVENTION, (), unless="sources are at a station")
-        if plain <= MIN_MISFIT_RAD2:
+        if plain <= MIN_TURN_MISFIT_RAD2:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
-        compass = self._misfit(lambda angles: angles._replace(bearing=0.5 * np.pi - angles.bearing))
-        other, change = min((self._misfit(reading), words) for words, reading in self._readings())
+        compass = self._misfit(_clockwise_from_north)
+        readings = [(self._misfit(reading), words, reading) for words, reading in self._readings()]
+        other, change, _ = min(readings, key=lambda each: each[0])
         best = min(compass, other)
-        if best > MAX_MISFIT_RATIO * plain:
+        if turned := self._all_turned(plain, best):
+            return self._fits(plain, *turned)
+        if plain <= MIN_MISFIT_RAD2 or best > MAX_MISFIT_RATIO * plain:
             return outcome(CONVENTION, (), misfit_rad=float(np.sqrt(plain)))
+        if len({name for each in self._steps for name in each.names}) == 2:
+            as_well = [each for each in readings if each[0] <= max(best, AS_WELL_RAD2)]
+            as_well += [(compass, _OF_COMPASS, _clockwise_from_north)] * (compass <= max(best, AS_WELL_RAD2))
+            if len(words := self._different(as_well)) > 1:
+                named, more = words[:MAX_READINGS], len(words) - MAX_READINGS
+                several = f"{', or if '.join(named)}{f', or {more} more' if more > 0 else ''}"
+                return self._fits(plain, best, f"{several} (two stations cannot tell)")
         return self._fits(plain, best, change, "compass" if best == compass else "bearings-fit-if")
+
+    def _different(self, readings: Sequence[tuple[float, str, Reading]]) -> list[str]:
+        """Return the words of readings with different bearings or positions, those of turned and compass first.
+
+        `readings` are (misfit [rad^2], words, reading).
+        """
+        found: dict[tuple[float, ...], str] = {}
+        turned = {_TURNED_ROUND.format(name=name) for name in self._arrays}
+        for _, words, reading in sorted(readings, key=lambda each: (each[1] not in turned, each[1] != _OF_COMPASS)):
+            read = [reading(each) for each in self._steps[:MIN_STEPS]]
+            lines = [np.column_stack([np.cos(b := each.bearing), np.sin(b), each.positions]).ravel() for each in read]
+            found.setdefault(tuple(np.round(np.concatenate(lines), 6).tolist()), words)
+        return [words.split(":")[0] for words in found.values()]
+
+    def _all_turned(self, plain: float, best: float) -> tuple[float, str] | None:
+        """Return misfit [rad^2] and words if the bearings of all arrays are off by one angle; None if not.
+
+        The angle is that of the least misfit. An angle of one array that fits about as well, or another reading, is
+        the simpler cause. Two lines of sight meet over wide ranges of angles, so that three arrays are needed.
+
+        Args:
+            plain: misfit of the bearings as given.
+            best: least misfit of all other readings.
+        """
+        steps = [each for each in self._steps if len(each.names) > 2]
+        if len(steps) < MIN_STEPS or plain < MIN_TURN_MISFIT_RAD2:
+            return None
+        few = steps[:: -(-len(steps) // TURN_STEPS)]
+        grid = np.arange(-np.pi, np.pi, TURN_GRID_RAD)
+        near = grid[int(np.argmin([_turned_misfit(few, turn) for turn in grid.tolist()]))]
+        fine = near + TURN_GRID_RAD * np.linspace(-1.0, 1.0, 41)
+        turn = float(fine[int(np.argmin([_turned_misfit(few, each) for each in fine.tolist()]))])
+        misfit_rad2 = self._misfit(lambda angles: angles._replace(bearing=angles.bearing - turn))
+        if abs(turn) < MIN_TURN_RAD or misfit_rad2 > min(MAX_MISFIT_RATIO * plain, TURN_SHARE * best):
+            return None
+        if misfit_rad2 > TURN_SHARE * min(self._turned(name) for name in self._arrays):
+            return None
+        return misfit_rad2, f"all are turned by {math.degrees(turn):+.3g} degrees: subtract that from yaws or bearings"
 
     def _fits(self, plain: float, best: float, change: str, id: str = "bearings-fit-if") -> tuple[Check, ...]:
         """Return the finding that bearings fit with misfit `best` after a change, and with `plain` as given [rad^2]."""
@@ -258,8 +318,11 @@ class AngleConventionCheck:
         for pair in combinations(names, 2) if len(names) <= MAX_EXCHANGED else ():
             for turned in (False, True):
                 yield f"arrays {pair[0]} and {pair[1]} are exchanged", partial(self._exchanged, pair, turned)
-        for name in names if len(names) > 2 else ():
+        for name in names:
             for words, reading in _OF_ONE.items():
+                # Two lines meet in many readings of one of them
+                if len(names) == 2 and words != _TURNED_ROUND:
+                    continue
                 # An array that is turned by a constant angle is not one in gon
                 gon = partial(_of_one, name, reading) if "gon" in words else None
                 if gon is None or (sweeps[name] and self._misfit(gon) < self._turned(name)):
@@ -321,6 +384,16 @@ class AngleConventionCheck:
                 if len(steps) < MAX_STEPS:
                     self._near += not parallel and len(names) > 2 and not _away_from_all(positions, own.bearing[rows])
                     steps.append(_Angles(positions, yaw, own.bearing[rows], names))
+
+
+def _clockwise_from_north(angles: _Angles) -> _Angles:
+    """Return bearings of a compass in the world."""
+    return angles._replace(bearing=0.5 * np.pi - angles.bearing)
+
+
+def _turned_misfit(steps: Iterable[_Angles], turn: float) -> float:
+    """Return the median misfit [rad^2] with all bearings turned back by an angle [rad]."""
+    return _median_misfit(each._replace(bearing=each.bearing - turn) for each in steps)
 
 
 def _narrow(steps: Sequence[_Angles]) -> bool:

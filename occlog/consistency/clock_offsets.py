@@ -7,6 +7,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.records.verdicts import Check, finding
 
 MAX_CLOCK_ERROR_S = 0.6
 """Largest distance of an offset from a known one [s]."""
@@ -260,3 +261,25 @@ class ReceivedTimes:
         # One of both clocks goes on as ever
         by_recorder = abs(later_ns) > abs(later_ns - block.change_ns)
         return ReceivedChange(step_s, block.before_ns, drift, by_recorder=by_recorder)
+
+
+MAX_DRIFT = 0.05
+"""Largest drift of a clock; beyond it the times have another unit."""
+MIN_INVERSE = 1.5
+"""Ratio from which rates are stated as 1 over it."""
+
+
+def drift_finding(check: str, sensor: str, drift: float, other: str) -> Check:
+    """Return the finding that the times of a sensor gain on those of others, by a drift or as of another unit.
+
+    Args:
+        check: name of the check.
+        sensor: name of the sensor.
+        drift: gained time over the time of the others.
+        other: what its times are compared with.
+    """
+    if abs(drift) <= MAX_DRIFT:
+        return finding(check, "clock-drift", sensors=[sensor], ppm=1e6 * drift, other=other)
+    rate = 1.0 + drift
+    factor = f"1/{1.0 / rate:.4g}" if 0.0 < rate < 1.0 / MIN_INVERSE else f"{rate:.4g}"
+    return finding(check, "clock-rate-differs", sensors=[sensor], ppm=1e6 * drift, factor=factor, other=other)

@@ -24,6 +24,7 @@ from occlog.scans.grouping import ScanMeasurements
 
 from .bearings import StatedResiduals
 from .estimates import MAX_SIGMA_RAD
+from .range_readings import RangeReadings
 from .systematic_errors import (
     MAX_FOUND,
     MEDIAN,
@@ -53,6 +54,8 @@ MIN_SENSORS = 3
 """Sensors and stations that measure in a window; two always agree on a position."""
 MIN_BLOCKS = 8
 """Windows that are needed."""
+AS_WELL = 2.0
+"""Another position of a station explains its ranges as well if that leaves at most this times the misfit."""
 MAX_STATIONS = 40
 """Stations that are judged, the first ones that measure."""
 
@@ -98,6 +101,7 @@ class RangeBiases:
         self._column: dict[int, int] = {}
         self._blocks: list[BlockSums] = []
         self._square = self._freedom = 0.0
+        self.readings = RangeReadings(names)
         self._counts, self._weights = np.zeros(MAX_STATIONS), np.zeros(MAX_STATIONS)  # sums of 1 and of 1 / sigma^2
 
     def add(
@@ -112,6 +116,7 @@ class RangeBiases:
         """
         if not measured:
             return
+        self.readings.add(measured)
         t_ns = np.repeat([t for t, _ in measured], [len(one.target_id) for _, one in measured])
         target = np.concatenate([one.target_id for _, one in measured])
         rows = concat([one.distances for _, one in measured])
@@ -249,11 +254,23 @@ class RangeBiases:
         if estimated:
             return outcome(RANGE_BIASES, (), unless="the method estimates them")
         few = "too few ranges of several stations at one time" if self._freedom < MIN_FREEDOM else ""
-        return outcome(RANGE_BIASES, self._findings(unit), unless=few)
+        reading = self.readings.checks(unit)
+        if any(check.found for check in reading):
+            return *reading, *outcome(RANGE_BIASES, (), unless="ranges meet in another reading")
+        return *reading, *outcome(RANGE_BIASES, self._findings(unit), unless=few)
 
     def _findings(self, unit: str) -> Iterator[Check]:
         """Generate a finding for each significant error; lengths are in `unit`."""
-        for one in self.found():
+        found = self.found()
+        # Where tracks follow wrong ranges, the station alone has its error from where ranges meet
+        alone = self.readings.one_station() if len(found) == 1 else None
+        for one in found:
+            rivals = [f"those of {name}" for name in one.rivals]
+            if alone is not None and alone.station == one.station:
+                if abs(alone.bias - one.size) > MIN_SIGMAS * alone.error:
+                    one = one._replace(size=alone.bias, error=alone.error)
+                if alone.moved_misfit <= AS_WELL * alone.bias_misfit:
+                    rivals.insert(0, f"the station is moved by {alone.offset_words(unit)}")
             yield finding(
                 RANGE_BIASES,
                 "range-bias",
@@ -263,7 +280,7 @@ class RangeBiases:
                 error=one.error,
                 allowed=one.limit,
                 unit=unit,
-                rivals=rival_words([f"those of {name}" for name in one.rivals]),
+                rivals=rival_words(rivals),
             )
 
 

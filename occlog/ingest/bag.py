@@ -18,7 +18,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.consistency.clock_offsets import ReceivedTimes, cause_of
+from occlog.consistency.clock_offsets import ReceivedTimes, cause_of, drift_finding
 from occlog.console.text import counted
 from occlog.errors import InputError, OcclogError, UsageError, abridged, option
 from occlog.io.files.timing.frame_times import FrameTimes, to_world_time
@@ -828,7 +828,7 @@ class Taking:
             time, cause = utc(before_ns), cause_of(step_s)
             yield finding(STAMPS, "clock-jump", "warning", sensors=sensors, jump_s=step_s, time=time, cause=cause)
         if drift and not state.by_log:
-            yield finding(STAMPS, "clock-drift", sensors=sensors, ppm=1e6 * drift, other="the times of recording")
+            yield drift_finding(STAMPS, sensors[0], drift, "the times of recording")
         if max(abs(low), abs(high)) > CLOCKS_APART_S and not (step_s and min(abs(low), abs(high)) < CLOCKS_APART_S):
             used = "times of recording" if state.by_log else "header stamps"
             kind, cause = "stamps-since-boot" if low > OTHER_START_S else "stamps-late", cause_of(low)
@@ -845,13 +845,13 @@ def _by_recorder(checks: Sequence[Check], topics: int) -> Iterator[Check]:
         checks: findings of all topics.
         topics: number of topics.
     """
-    drifts = [check for check in checks if check.id == "clock-drift"]
+    drifts = [check for check in checks if check.id in ("clock-drift", "clock-rate-differs")]
     ppm = [check.figures["ppm"] for check in drifts]
     similar = topics > 1 and len(ppm) == topics and max(ppm) - min(ppm) < ALIKE * max(map(abs, ppm))
     if similar:
         size = -float(np.median(ppm))
         yield finding(STAMPS, "recorder-clock", what=f"gain {size:+.4g} ppm", size=size)
-    others = [check for check in checks if not (similar and check.id == "clock-drift")]
+    others = [check for check in checks if not (similar and check in drifts)]
     first = next((check for check in others if check.id == "recorder-clock"), None)
     yield from (check for check in others if check.id != "recorder-clock" or check is first)
 

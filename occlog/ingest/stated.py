@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of, offset_words
+from occlog.consistency.clock_offsets import (
+    MIN_BLOCKS,
+    ClockChange,
+    cause_of,
+    change_of,
+    drift_finding,
+    offset_words,
+)
 from occlog.errors import InputError
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
@@ -258,9 +265,9 @@ def clock_faults(stamped: Mapping[str, StampedFrames]) -> Iterator[Check]:
     if len(stamped) == 2 and drifts:
         drifts.popitem()  # either may be the one
     for name, drifting in drifts.items():
-        ppm = float(np.median([each for _, each in drifting]))
+        drift = 1e-6 * float(np.median([each for _, each in drifting]))
         compared = f"those of {listed([other for other, _ in drifting])} by the frame numbers"
-        yield finding(CLOCKS, "clock-drift", sensors=[name], ppm=ppm, other=compared)
+        yield drift_finding(CLOCKS, name, drift, compared)
 
 
 def _ends_alike(own: StampedFrames, other: StampedFrames) -> bool:

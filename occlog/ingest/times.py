@@ -9,16 +9,16 @@ import numpy as np
 
 from occlog.array_types import NS, Ints, Ints32
 from occlog.consistency.clock_offsets import cause_of
-from occlog.consistency.frozen import FrozenCameras
+from occlog.consistency.frozen import MAX_LAG_NS, FrozenCameras, RepeatedBoxes
 from occlog.io.files.timing.frame_times import is_unit_factor
 from occlog.io.files.timing.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Positions, Truth, TruthBoxes
-from occlog.records.verdicts import Check, finding, outcome
+from occlog.records.verdicts import Check, Severity, finding, outcome
 
 SENSORS, FRAMES, TRUE, RATES = "sensor clocks", "frame intervals", "truth times", "frame rates"
-FROZEN = "repeated frames"
+FROZEN, REPEATED = "repeated frames", "repeated boxes"
 """Names of checks."""
 FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where
@@ -95,6 +95,7 @@ class Times:
             tables.
         pictures: repeated images of cameras.
         boxes: repeated boxes of cameras.
+        repeated: boxes that a detector holds, or that a part of a video repeats.
     """
 
     frames: dict[str, EventTimes] = field(default_factory=dict)
@@ -104,6 +105,7 @@ class Times:
     true_rate_hz: float = 0.0
     pictures: FrozenCameras = field(default_factory=FrozenCameras)
     boxes: FrozenCameras = field(default_factory=FrozenCameras)
+    repeated: RepeatedBoxes = field(default_factory=RepeatedBoxes)
 
     def table(self, table: ColumnTable) -> None:
         """Add the times of a table's rows; repeated boxes of a camera are noted, too.
@@ -124,6 +126,7 @@ class Times:
                     self.rates.add(name)
             if isinstance(table, Boxes):
                 self.boxes.add_boxes(table)
+                self.repeated.add_boxes(table)
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the added times: sensor clocks, frame intervals, truth times, frame rates and repeated frames."""
@@ -141,6 +144,7 @@ class Times:
             *outcome(TRUE, () if truth else self._of_truth(), unless=truth),
             *outcome(RATES, self._rates(), unless="" if rated else f"no sensor has {FEWEST} frames"),
             *outcome(FROZEN, self._frozen(), unless=several),
+            *outcome(REPEATED, self._repeated()),
         )
 
     def _rates(self) -> Iterator[Check]:
@@ -165,6 +169,23 @@ class Times:
                 count=run.frames,
                 duration_s=(run.last_ns - run.first_ns) / NS,
                 time=utc(run.first_ns),
+            )
+
+    def _repeated(self) -> Iterator[Check]:
+        """Yield findings on boxes that are held for several frames, and on those of a video that was played again."""
+        for n, names in self.repeated.held().items():
+            lag_ns = self.repeated.lag_ns(names, n)
+            severity: Severity | None = None if lag_ns > MAX_LAG_NS else "note"
+            lag_s, allowed = lag_ns / NS, MAX_LAG_NS / NS
+            yield finding(REPEATED, "boxes-repeated", severity, sensors=names, n=n, lag_s=lag_s, allowed=allowed)
+        for part in self.repeated.looped():
+            yield finding(
+                REPEATED,
+                "boxes-looped",
+                sensors=[part.camera],
+                count=part.frames,
+                time=utc(part.first_ns),
+                later_s=part.later_ns / NS,
             )
 
     def _jumps(self) -> Iterator[Check]:

@@ -235,6 +235,11 @@ VERDICT: dict[str, Message] = {
         "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g}){rivals}",
         "use occlog track --method map --range-bias, or subtract it from them",
     ),
+    "ranges-fit-if": Message(
+        W,
+        "ranges meet to {misfit:.2g} {unit} (as given {given:.2g}) if {change}",
+        "correct the table or the scene",
+    ),
     "outliers": Message(
         W,
         _ROWS + "bearings of {sensors} contradict the motion; other bearings may be false too",
@@ -271,6 +276,11 @@ VERDICT: dict[str, Message] = {
         W,
         "bearings meet to {misfit_deg:.2g} degrees (as given {given_deg:.2g}) if {change}",
         "correct the table or the scene",
+    ),
+    "sensor-frozen": Message(
+        W,
+        "{sensors}: {count} identical {what} in {duration_s:.3g} s from {begin_s:.4g} s on, while others change",
+        "leave these rows out if its program or link had stopped",
     ),
     "noise-unit": Message(
         W,
@@ -437,7 +447,7 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors} detects {share:.0%} of the people in its view that others detect (allowed: {allowed:.0%} "
         "and more)",
-        "check its clock and pose",
+        "check its clock, pose, boxes and video",
     ),
     "camera-clock-offset": Message(
         W,
@@ -843,6 +853,11 @@ VERDICT: dict[str, Message] = {
         "{sensors}: its times gain {ppm:+.4g} ppm (minus: lose) on {other}",
         "check its clock and frame rate, or state the drift of its clock (drift_ppm) in a scene",
     ),
+    "clock-rate-differs": Message(
+        W,
+        "{sensors}: its times pass at {factor} of the rate of {other}, which is no drift",
+        "its ticks have another unit, or its frames another rate: convert its times",
+    ),
     "rate-implausible": Message(
         W,
         "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
@@ -914,6 +929,16 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
         "if its stream had stopped, omit these frames",
+    ),
+    "boxes-repeated": Message(
+        W,
+        "camera {sensors}: boxes change in one of {n} frames only, and repeat for {lag_s:.2g} s (allowed: {allowed:g})",
+        "leave the repeated frames out and keep the frame numbers",
+    ),
+    "boxes-looped": Message(
+        W,
+        "camera {sensors}: {count} frames from {time} on repeat the boxes of {later_s:.4g} s before, unlike others",
+        "its video was played again: omit these frames",
     ),
     "boxes-end-early": Message(N, "camera {sensors}: its boxes end at frame {last} of {frames} of its images; {hint}"),
     "truth-times-disjoint": Message(

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, StatedNoiseCheck
+from occlog.consistency.frozen import FrozenValues
 from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.range_biases import RangeBiases
-from occlog.consistency.systematic_errors import SystematicErrors
+from occlog.consistency.systematic_errors import SYSTEMATIC, SystematicErrors
 from occlog.consistency.verdict import MOTION, ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
@@ -69,7 +70,7 @@ class TrackSummary:
         self.evidence = ConsistencyEvidence(distances=measured is not None, unit=scene.length_unit)
         self.sensors, self.measured = SystematicErrors(scene), measured
         self.ranges = None if measured is None else RangeBiases(scene, measured.names)
-        self.compass, self.sharp = AngleConventionCheck(scene), StatedNoiseCheck()
+        self.compass, self.sharp, self.frozen = AngleConventionCheck(scene), StatedNoiseCheck(), FrozenValues()
         self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -143,14 +144,23 @@ class TrackSummary:
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         against = "bearings contradict the motion" if any(check.found for check in labels) else ""
-        sensors = () if self.joint else self.sensors.checks(unless=against, ranges=self.ranges is not None)
-        if self.ranges is not None:
+        reading = self.compass.checks()
+        frozen = self.frozen.checks()
+        wrong = "a sensor is frozen" if any(check.found for check in frozen) else ""
+        if any(check.status == "failed" for check in reading):
+            wrong = "bearings fit each other in another reading"
+        sensors: tuple[Check, ...] = ()
+        if wrong:
+            sensors = outcome(SYSTEMATIC, (), unless=wrong)
+        elif not self.joint:
+            sensors = self.sensors.checks(unless=against, ranges=self.ranges is not None)
+        if self.ranges is not None and not wrong:
             sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
         off = "a sensor is off" if any(check.status == "failed" for check in sensors) else ""
         motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
         if motion:
             found = tuple(check for check in found if check.name != MOTION)
-        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
+        return (*number, *frozen, *self.sharp.checks(), *reading, *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
         """Return the mean effective sample size as a figure by name; {} if the method has no particles."""
@@ -209,6 +219,9 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial",
             id="missing-option",
         )
+    frozen = FrozenValues()
+    if inputs.measurements is not None:
+        inputs.measurements = frozen.watch_ranges(inputs.measurements)
     measured, reported = distance_measurements(request, inputs)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
     targets = request.targets or None
@@ -237,7 +250,8 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, LagConfig) and config.smoothed
     summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, measured=measured)
-    chunks = summary.sharp.watch(summary.compass.watch(chunks))
+    summary.frozen = frozen
+    chunks = frozen.watch(summary.sharp.watch(summary.compass.watch(chunks)))
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
         "method": request.method,

@@ -154,3 +154,40 @@ def test_an_array_that_is_turned_is_not_one_in_gon_and_far_targets_are_not_in_ra
     away = np.array([3000.0, 40.0]) + rng.uniform(-100, 100, (40, 1, 2)) - PLACES
     far = np.arctan2(away[..., 1], away[..., 0])
     assert codes(replace(rows, bearing=far.ravel())) == []
+
+
+def wrapped(bearing: np.ndarray) -> np.ndarray:
+    return (bearing.ravel() + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("turn", [12.0, 20.0, -100.0])
+def test_all_arrays_that_are_turned_by_one_angle_are_named_with_it(turn: float) -> None:
+    rows = table(60, compass=False, sigma=0.01)
+    check = AngleConventionCheck(SCENE)
+    list(check.watch([replace(rows, bearing=wrapped(rows.bearing + np.radians(turn)))]))
+    (found,) = findings(check.checks())
+    assert found.id == "bearings-fit-if"
+    off = float(found.text.split("turned by ")[1].split()[0])
+    assert abs(off - turn) < 0.5
+
+
+def test_one_array_that_is_turned_for_a_target_that_stands_is_not_all_turned() -> None:
+    rows = table(60, compass=False, sigma=0.01)
+    away = np.array([40.0, 35.0]) - PLACES
+    still = np.arctan2(away[:, 1], away[:, 0]) + 0.01 * np.random.default_rng(4).standard_normal((60, 3))
+    for name in range(3):
+        turned = still + np.radians(12.0) * (np.arange(3) == name)
+        assert codes(replace(rows, bearing=wrapped(turned))) == []
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_two_stations_list_the_readings_that_fit_as_well(name: str) -> None:
+    rows = table(60, compass=False, sigma=0.005)
+    rows = rows.take(rows.sensor != "c")
+    assert codes(rows) == []
+    check = AngleConventionCheck(SCENE)
+    turned = rows.bearing + np.pi * (rows.sensor == name)
+    list(check.watch([replace(rows, bearing=wrapped(turned))]))
+    (found,) = findings(check.checks())
+    assert found.id == "bearings-fit-if"
+    assert f"those of {name} are turned by 180 degrees" in found.text

@@ -190,7 +190,7 @@ def stamped(times_s: Floats, first: int = 0, *, counted: bool = False) -> Stampe
 
 
 def faults(**cameras: StampedFrames) -> list[tuple[str, tuple[str, ...], float]]:
-    figures = {"clock-jump": "jump_s", "clock-drift": "ppm", "clock-offset": "offset_s"}
+    figures = {"clock-rate-differs": "ppm", "clock-jump": "jump_s", "clock-drift": "ppm", "clock-offset": "offset_s"}
     return [(each.id, each.sensors, each.figures[figures[each.id]]) for each in clock_faults(cameras)]
 
 
@@ -202,6 +202,10 @@ def test_clocks_of_frames_of_the_same_numbers_are_compared() -> None:
     assert (id, sensors, jump_s) == ("clock-jump", ("c",), pytest.approx(0.9, rel=0.02))
     ((id, sensors, ppm),) = faults(**sound, c=stamped(1.01 * EVEN))
     assert (id, sensors, ppm) == ("clock-drift", ("c",), pytest.approx(1e4, rel=0.02))
+    ((id, sensors, ppm),) = faults(**sound, c=stamped(EVEN / 8.0))
+    assert (id, sensors, ppm) == ("clock-rate-differs", ("c",), pytest.approx(-875_000.0))
+    (check,) = clock_faults({**sound, "c": stamped(EVEN / 8.0)})
+    assert "pass at 1/8 of the rate of those of a, b" in check.text
     ((id, sensors, offset_s),) = faults(**sound, c=stamped(EVEN + 37.0))
     assert (id, sensors, offset_s) == ("clock-offset", ("c",), pytest.approx(37.0, rel=0.02))
     assert [id for id, *_ in faults(a=stamped(EVEN), c=stamped(1.01 * EVEN))] == ["clock-drift"]

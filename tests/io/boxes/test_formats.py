@@ -300,6 +300,10 @@ def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
         ([{"bbox": [1, 2, 3, 4]}], "has no column frame"),
         ({**COCO, "annotations": [{"image_id": 99, "bbox": [1, 2, 3, 4]}]}, "annotation 1: its image_id"),
         ({**COCO, "images": [*COCO["images"], {"id": 15, "file_name": "a/3.jpg"}]}, "image 5: is the same image or"),
+        (
+            {**COCO, "images": [{"id": 1, "file_name": f"{camera}/0.jpg"} for camera in "ab"]},
+            "image 2: its id 1 is that of a/0.jpg and of b/0.jpg, as of two exports that were merged",
+        ),
         ({"images": [{"id": 1, "file_name": "x.jpg"}], "annotations": []}, "has no number of the frame"),
         ([{"frame": 0, "x1": 0.1, "y1": 0.1, "x2": 0.4, "y2": 0.9}] * 2, "seem to be fractions of the image size"),
     ],

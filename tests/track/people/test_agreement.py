@@ -90,6 +90,13 @@ def test_boxes_that_no_one_explains_speak_against_the_tracks_from_a_half_on(
     assert unexplained(boxes, used) == ["boxes-unassociated"] * reported
 
 
+def test_boxes_without_suppression_are_named_before_those_of_no_track() -> None:
+    agreement, tally = CameraAgreement([camera(name) for name in "ab"]), BoxStatistics.of(2)
+    tally.boxes[:], tally.twice[:], agreement.static[0] = 500, 600, 3
+    ids = [found.id for found in findings(agreement.checks(tally))]
+    assert ids == ["boxes-duplicated", "boxes-duplicated", "boxes-unassociated", "static-clutter"]
+
+
 def test_cameras_below_the_ground_are_named_where_no_one_explains_the_boxes() -> None:
     assert unexplained(100, 0, height=-0.1) == ["boxes-unassociated", "camera-below-ground"]
     assert unexplained(100, 0) == ["boxes-unassociated"]

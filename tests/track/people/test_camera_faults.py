@@ -285,6 +285,15 @@ def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:
     assert abs(end - 12.0) <= 1.5
 
 
+def test_boxes_of_half_the_size_from_a_time_on_are_named_with_it() -> None:
+    def half(step: int, boxes: Boxes) -> Boxes:
+        return {**boxes, 1: 0.5 * boxes[1]} if step >= 100 else boxes
+
+    (words,) = reported(found(cameras(), cameras(), half)).values()
+    assert words.startswith("boxes of b are multiplied by 2 (images of another size) from")
+    assert abs(float(words.split()[-4]) - 10.0) <= 1.5
+
+
 def test_a_part_is_not_searched_if_most_of_its_steps_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of many boxes some steps are compared; the other ones show whether those are typical."""
 

@@ -228,7 +228,7 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     assert track(tmp_path, found, SCENE, "--strict") == ExitCode.THRESHOLD
     summary, noted = reported(capsys)
     assert "occlog: warning: camera b detects " in noted
-    assert "check its clock and pose" in noted
+    assert "check its clock, pose, boxes and video" in noted
     assert not summary["plausible"]
     assert [warning["id"] for warning in summary["warnings"]] == ["camera-inconsistent"]
 

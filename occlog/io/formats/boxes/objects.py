@@ -256,11 +256,20 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
     images: dict[object, dict[str, str]] = {}
     seen: dict[tuple[str, str], object] = {}
     origins: dict[str, str] = {}
+    files: dict[object, str] = {}
     timed = all(isinstance(image, dict) and isinstance(image.get("t_ns"), int) for image in value["images"])
     for n, image in enumerate(value["images"], start=1):
         cells = _image(path, n, image, camera) | ({"ns": str(image["t_ns"])} if timed else {})
         _check_origin(path, n, image, camera, origins.setdefault(cells.get("camera", ""), _origin(image)))
         key = (cells.get("camera", ""), cells["frame"])
+        name = str(image.get("file_name", ""))
+        if files.setdefault(image["id"], name) != name:
+            raise InputError(
+                f"{path}: image {n}: its id {image['id']} is that of {files[image['id']]} and of {name}, as of two "
+                f"exports that were merged; give each export by itself ({option('boxes')}), or renumber the images of "
+                "one with their annotations",
+                id="duplicate-row",
+            )
         if image.get("id") in images or key in seen:
             other = image["id"] if image["id"] in images else seen[key]
             raise InputError(

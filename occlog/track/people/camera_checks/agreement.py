@@ -199,7 +199,8 @@ class CameraAgreement:
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
         # Causes before their consequences
-        found = tuple(sorted(found, key=lambda check: check.id not in ("camera-times-disjoint", "camera-clock-offset")))
+        causes = ("boxes-duplicated", "camera-times-disjoint", "camera-clock-offset")
+        found = tuple(sorted(found, key=lambda check: check.id not in causes))
         if disjoint:
             return (*found, *outcome(FITS, (), unless="a camera has other times"))
         return (*outcome(FITS, self._causes(found, unit)), *found)

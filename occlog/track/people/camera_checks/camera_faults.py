@@ -576,8 +576,10 @@ class _Search:
                 yield _Change(f"{name} is turned by {turn:.0f} degrees about the vertical", {c: turned})
             for words, axes in FLIPS.items():
                 yield _Change(f"images of {name} are {words}", {c: _flipped(own, axes)})
-            for scale in SCALES:
-                yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
+        # A stream may change its size, too
+        for scale in SCALES:
+            yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
+        if not for_a_while:
             for words, boxes in _other_forms(own):
                 yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
             yield from self._other_rates(c)
