@@ -265,7 +265,7 @@ def test_defaults_follow_the_length_unit_and_rendering(room: Path) -> None:
     assert setup.world == WorldConfig(occluders=40)
     assert setup.observe == ObserveConfig(diameter=3.33)
     assert setup.render is None
-    people = make_setup(read_scene(room), asked(rendering=True, world={"diameter": 0.6}))
+    people = make_setup(read_scene(room), asked(render=True, world={"diameter": 0.6}))
     assert people.observe is None
     assert people.world.wall_clearance == pytest.approx(0.3)
     with pytest.raises(UsageError):

@@ -310,8 +310,10 @@ def test_what_cannot_be_drawn_is_reported_in_one_line(
 
 
 def test_tracks_of_another_recording_are_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    used = folder / "r.mcap"
-    for name, of in (("t", used), ("u", folder / "f.parquet")):
+    used, other = folder / "r.mcap", folder / "other.mcap"
+    other.write_bytes(b"another recording")
+    # Of tracks of a table of regions the recording is not known
+    for name, of in (("t", used), ("u", other), ("v", folder / "f.parquet")):
         made = Provenance("track", {"births": "initial"}, 0, hash_inputs([of]))
         write_table(folder / f"{name}.parquet", tracks_of([k * STEP for k in range(N)]), made, overwrite=True)
         args = ["--recording", str(used), "--frame", "1", "--png", str(folder / f"{name}.png")]
