@@ -10,7 +10,7 @@ names its cause, and the camera (of two that are late to each other, or exchange
 rotated counts as a last warning.  A sound set-up counts as an alarm if there is any warning; such notes, of less than a
 degree, are none.  Identity switches that are stated and happen are no alarm, and no answer.  Seeds 20,000 to 31,999,
 60,000 to 64,999, 200,000 to 204,999, 300,000 to 304,999, 360,000 to 364,999, 370,000 to 384,999, 390,000 to 424,999,
-640,000 to 646,999 and 730,000 to 736,999 were used in development.
+640,000 to 646,999, 730,000 to 736,999, 830,000 to 846,999 and 880,000 to 886,999 were used in development.
 """
 
 from __future__ import annotations
