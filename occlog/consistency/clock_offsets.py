@@ -270,7 +270,7 @@ MIN_INVERSE = 1.5
 
 
 def drift_finding(check: str, sensor: str, drift: float, other: str) -> Check:
-    """Return the finding that the times of a sensor gain on those of others, by a drift or as of another unit.
+    """Return the finding that the clock of a sensor runs fast or slow, by a drift or by a factor of units.
 
     Args:
         check: name of the check.

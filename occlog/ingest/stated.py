@@ -34,6 +34,7 @@ CLOCKS = "clocks by frame numbers"
 MIN_START_S = 0.1
 """Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
 BLACK_RUN = "pictures-black-run"
+"""Fact of a decoder, of each run of black images, and id of the finding on the longest."""
 MIN_BLACK_S = 3.0
 """Time for which images must be black [s], in a video that is not, to be stated: shorter ones are of its beginning."""
 MIN_COUNTED = 20
@@ -117,7 +118,7 @@ def _black_run(source: CameraSource, runs: Sequence[tuple[int, int]]) -> Iterato
         time, seconds, name = utc(lasting[-n][1]), ns / NS, source.name
         yield finding(
             PICTURES,
-            "pictures-black-run",
+            BLACK_RUN,
             sensors=[name],
             first=first,
             last=last,

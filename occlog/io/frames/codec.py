@@ -427,8 +427,8 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
     return int(columns.argmax()), int(rows.argmax()), int(columns[::-1].argmax()), int(rows[::-1].argmax())
 
 
-MAX_RUNS, THINNED = 100, 8
-"""Runs of black images that are stated, and every which pixel suffices to see that an image is not black."""
+MAX_RUNS, PIXEL_STEP = 100, 8
+"""Runs of black images that are stated, and step of the rows and columns that are tried first for a bright pixel."""
 
 
 class Contents:
@@ -447,8 +447,8 @@ class Contents:
             self._first = image.copy()
         elif self._is_same:
             self._is_same = np.array_equal(self._first, image)
-        thinned = int(image[::THINNED, ::THINNED].max())
-        brightest = thinned if thinned > BLACK else int(image.max())
+        sampled = int(image[::PIXEL_STEP, ::PIXEL_STEP].max())
+        brightest = sampled if sampled > BLACK else int(image.max())
         self._brightest = max(self._brightest, brightest)
         if brightest > BLACK:
             self._in_run = False
