@@ -78,11 +78,10 @@ def started(folder: Path, *args: str, **variables: str) -> subprocess.CompletedP
 
 def crafted_index(folder: Path, witness: Path) -> Path:
     """The index of a kernel in a folder as numba lays it out, which runs something when it is unpickled."""
-    function = polygons.point_inside.py_func  # type: ignore[attr-defined]
     locator = getattr(caching, "UserProvidedCacheLocator", None) or caching._UserProvidedCacheLocator
     below = folder / locator.get_suitable_cache_subpath(polygons.__file__)
     below.mkdir(parents=True)
-    index = below / f"{KernelCache(function)._impl.filename_base}.nbi"
+    index = below / f"{KernelCache(polygons.point_inside)._impl.filename_base}.nbi"
     index.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Payload(witness)))
     return index
 

@@ -59,7 +59,7 @@ def _cached(function: F, compiled: Any) -> F:
     """
     if compiled is not function:  # not with NUMBA_DISABLE_JIT=1
         with suppress(NoCacheError):
-            compiled._cache = KernelCache(function)
+            compiled._cache = KernelCache(compiled)
         compiled.get_call_template = _of_any_value(compiled.get_call_template)
     return cast(F, compiled)
 

@@ -1,126 +1,169 @@
-"""Cache of compiled kernels on disk, invalidated when a source file that they depend on changes.
+"""Cache of compiled kernels on disk, invalidated when code or a constant changes that they are compiled from.
 
 Numba invalidates a kernel only if the file that defines it changes. Kernels and constants of other files are compiled
-into it: here a kernel is valid while all files that its file imports, directly or indirectly, are unchanged. Since
-numba unpickles files of its cache folder, a folder that others can write to is not used, nor is numba's configuration
-file in the current folder.
+into it: here a kernel is valid while its bytecode, that of all functions that it calls and the values that they refer
+to are unchanged. Since numba unpickles files of its cache folder, a folder that others can write to is not used, nor
+is numba's configuration file in the current folder.
 """
 
 from __future__ import annotations
 
+import enum
 import hashlib
 import os
-import re
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple
 
-from occlog.console.foreign_code import PROGRAM, hidden, is_own
+import numpy as np
+
+from occlog.console.foreign_code import hidden, is_own
 from occlog.console.notes import note, note_uncached
 
 CONFIGURATION = ".numba_config.yaml"
 CACHE_DIR = "NUMBA_CACHE_DIR"
-_IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n#]+)|import[ \t]+([^\n#]+))", re.M)
 
 with hidden(CONFIGURATION):
     import numba
     from numba.core import config
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
+    from numba.core.types.containers import BaseTuple
 
 # Numba searches for the file again whenever it compiles; missing of this name, anywhere
 config._config_fname = os.devnull
 config.reload_config()
 
 
+EXTERNAL = sys.stdlib_module_names | {"numba", "numpy", "scipy"}
+"""Packages with functions that are not compiled into kernels: numba has its own implementations."""
+
+
+def _of_class(given: type) -> object:
+    """Describe a class as kernels see it: fields of a named tuple with their defaults, members of an enumeration."""
+    fields = getattr(given, "_fields", None)
+    if fields is not None:
+        inside: object = (fields, sorted(getattr(given, "_field_defaults", {}).items()))
+    elif issubclass(given, enum.Enum):
+        inside = [(member.name, member.value) for member in given]
+    else:
+        inside = ()
+    return given.__module__, given.__qualname__, inside
+
+
+def _layouts(given: Any) -> list[object]:
+    """Return the descriptions of the named tuples among numba types `given`, at any depth, in their order."""
+    if isinstance(given, (tuple, list)):
+        return [each for part in given for each in _layouts(part)]
+    if isinstance(given, BaseTuple):
+        own = [_of_class(given.instance_class)] if hasattr(given, "instance_class") else []
+        return own + _layouts(tuple(given))
+    return []
+
+
+class _Parts(NamedTuple):
+    """What a function is compiled from.
+
+    Attributes:
+        text: its code, its defaults, the options of the compiler, and the values that it refers to.
+        calls: functions that it refers to, compiled or not.
+    """
+
+    text: str
+    calls: tuple[Any, ...]
+
+
+def _referred(value: Any, names: frozenset[str], calls: list[Any]) -> object:
+    """Describe a value that a function refers to; functions are appended to `calls`.
+
+    Args:
+        value: any value; what numba cannot compile into a kernel, and a name of the function means by chance alone, is
+            described by its class.
+        names: names in the function: of a module its attributes of these names count.
+        calls: extended in place.
+    """
+    if hasattr(value, "py_func") or isinstance(value, FunctionType):
+        function = getattr(value, "py_func", value)
+        if (function.__module__ or "").partition(".")[0] not in EXTERNAL:
+            calls.append(value)
+        cells = [each for each in _cells(function) if not callable(each)]
+        return function.__module__, function.__qualname__, _referred(cells, names, calls)
+    if isinstance(value, ModuleType):
+        own = value.__name__.partition(".")[0] not in EXTERNAL
+        inside = sorted(names & vars(value).keys()) if own else []
+        return value.__name__, [(name, _referred(vars(value)[name], names - {name}, calls)) for name in inside]
+    if isinstance(value, type):
+        return _of_class(value)
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, enum.Enum):
+        return _of_class(type(value)), value.name
+    if isinstance(value, (set, frozenset)):
+        return type(value).__name__, sorted(repr(_referred(each, names, calls)) for each in value)
+    if isinstance(value, dict):
+        return type(value).__name__, sorted((repr(k), _referred(v, names, calls)) for k, v in value.items())
+    if isinstance(value, (tuple, list)):
+        return _of_class(type(value)), [_referred(each, names, calls) for each in value]
+    if isinstance(value, CodeType):
+        return _of_code(value, None, names, calls)
+    simple = value is None or value is ... or isinstance(value, (bool, int, float, complex, str, bytes, np.generic))
+    return type(value).__name__, repr(value) if simple else getattr(value, "__name__", "")
+
+
+def _of_code(code: CodeType, docstring: str | None, names: frozenset[str], calls: list[Any]) -> object:
+    """Describe bytecode without its place in the file and without the docstring, which compile to nothing."""
+    constants = [None if k == 0 and each == docstring else each for k, each in enumerate(code.co_consts)]
+    variables = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount)
+    rest = (variables, arguments, getattr(code, "co_exceptiontable", b""))
+    return code.co_code, _referred(constants, names, calls), rest
+
+
+def _names(code: CodeType) -> frozenset[str]:
+    """Return the names of globals and attributes in a function, including those in functions inside it."""
+    inner = (_names(each) for each in code.co_consts if isinstance(each, CodeType))
+    return frozenset(code.co_names).union(*inner)
+
+
+def _cells(function: FunctionType) -> list[Any]:
+    """Return the values that a function inside another one takes from it."""
+    return [cell.cell_contents for cell in function.__closure__ or ()]
+
+
 @cache
-def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
-    """Return (dotted name, path) of the files of a module and of its parent packages, which Python executes, too.
+def _parts(given: Any) -> _Parts:
+    """Return what a function, compiled by numba or not, is compiled from."""
+    function = getattr(given, "py_func", given)
+    code, calls = function.__code__, []  # type: tuple[CodeType, list[Any]]
+    names = _names(code)
+    values = (function.__defaults__, function.__kwdefaults__, _cells(function), getattr(given, "targetoptions", {}))
+    known = [(name, function.__globals__[name]) for name in sorted(names & function.__globals__.keys())]
+    text = (_of_code(code, function.__doc__, names, calls), _referred((values, known), names, calls))
+    return _Parts(repr(text), tuple(calls))
+
+
+def stamp(function: Any) -> str:
+    """Return the SHA-256 over numba's version and all that a kernel is compiled from.
+
+    This is its bytecode and that of the functions that it calls, directly or indirectly, with the options of the
+    compiler and the values of constants: what numba compiles, wherever it was imported from. Comments, docstrings and
+    the number of a line do not count.
 
     Args:
-        name: dotted name of a module; what follows a module, such as the name of a function, is ignored.
-        base: folder of the top-level package.
+        function: a compiled function; its module is loaded, so that its globals are known.
     """
-    found = []
-    path = base
-    parts = name.split(".")
-    for n, part in enumerate(parts, 1):
-        path = os.path.join(path, part)  # noqa: PTH118 -- ten times as fast
-        for file in (f"{path}.py", f"{path}{os.sep}__init__.py"):
-            if os.path.isfile(file):  # noqa: PTH113
-                found.append((".".join(parts[:n]), file))
-                break
-        else:
-            break
-    return tuple(found)
-
-
-@cache
-def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
-    """Return the SHA-256 digest of a module's file, and the absolute names that it imports (modules, or names in them).
-
-    Args:
-        name: dotted name of the module, for relative imports.
-        path: path of its file.
-    """
-    text = Path(path).read_bytes()
-    package = name if path.endswith("__init__.py") else name.rpartition(".")[0]
-    names = []
-    for origin, imported, plain in _IMPORT.findall(text):
-        parts = [part.split()[0].decode() for part in (imported or plain).strip(b"()\n\t ").split(b",") if part.split()]
-        if origin:
-            start = origin.decode()
-            names += [start, *(f"{start}{'' if start.endswith('.') else '.'}{part}" for part in parts)]
-        else:
-            names += parts
-    return hashlib.sha256(text).digest(), tuple({_absolute(each, package) for each in names})
-
-
-def files_behind(module: str, base: str) -> dict[str, str]:
-    """Return the files that a module imports within its package and occlog, directly or indirectly, with its own.
-
-    Args:
-        module: dotted name.
-        base: folder of its top-level package; for a module without a package, also modules in this folder are included.
-
-    Returns:
-        Paths by the dotted names of modules.
-    """
-    own = module.partition(".")[0]
-    bases = {"occlog": str(PROGRAM), own: base}
-    neighbours = base if own == module else None
-    found: dict[str, str] = {}
-    todo = [module]
+    found: dict[Any, str] = {}
+    todo = [function]
     while todo:
-        name = todo.pop()
-        where = bases.get(name.partition(".")[0], neighbours)
-        for each, path in _files_of(name, where) if where is not None else ():
-            if each not in found and (where != neighbours or "." not in each):
-                found[each] = path
-                todo += _read(each, path)[1]
-    return found
-
-
-def _absolute(name: str, package: str) -> str:
-    """Return the absolute dotted name of an import `name`, which may be relative (with leading dots), in a package."""
-    rest = name.lstrip(".")
-    up = len(name) - len(rest)
-    if not up:
-        return name
-    base = package.rsplit(".", up - 1)[0] if up > 1 else package
-    return f"{base}.{rest}" if rest else base
-
-
-@cache
-def stamp(module: str, base: str) -> str:
-    """Return the SHA-256 over numba's version and the source files that a module's kernels depend on, with their names.
-
-    `base` is the folder of the top-level package.
-    """
-    whole = hashlib.sha256(numba.__version__.encode())
-    for name, path in sorted(files_behind(module, base).items()):
-        whole.update(name.encode() + b"\0" + _read(name, path)[0])
-    return whole.hexdigest()
+        each = todo.pop()
+        if each not in found:
+            parts = _parts(each)
+            found[each] = parts.text
+            todo += parts.calls
+    texts = sorted(found.values())
+    return hashlib.sha256("\0".join([numba.__version__, found[function], *texts]).encode()).hexdigest()
 
 
 @cache
@@ -157,10 +200,9 @@ def _users() -> Path:
 class KernelLocator:
     """Locator of a kernel's cache: `NUMBA_CACHE_DIR`, the program's folder, or the user's cache folder."""
 
-    def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
-        """Use `folder` for the compiled kernel of a function; `base` is the folder of its top-level package."""
-        self._line = function.__code__.co_firstlineno
-        self._module, self._base, self._folder = function.__module__, base, folder
+    def __init__(self, folder: Path) -> None:
+        """Use `folder` for compiled kernels."""
+        self._folder = folder
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
@@ -181,7 +223,7 @@ class KernelLocator:
         folders = [*([chosen / below] if chosen is not None else []), path.parent / "__pycache__", _users() / below]
         for folder in folders:
             if _usable(folder, trusted=folder.parent == path.parent):
-                return cls(function, str(base), folder)
+                return cls(folder)
         return None
 
     def ensure_cache_path(self) -> None:
@@ -193,12 +235,12 @@ class KernelLocator:
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """Return the digest of the kernel's source files; another one makes the compiled kernel invalid."""
-        return stamp(self._module, self._base)
+        """Return an empty digest: `KernelCache` sets that of the kernel once its module is loaded."""
+        return ""
 
     def get_disambiguator(self) -> str:
-        """Return a text that distinguishes functions of one name in a file: the number of the first line."""
-        return str(self._line)
+        """Return an empty text: functions of one name in a file differ in their digest."""
+        return ""
 
 
 @cache
@@ -225,24 +267,33 @@ class NoCacheError(Exception):
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
-    """Numba's disk cache, in trusted folders, with validity by all source files.
+    """Numba's disk cache, in trusted folders, with validity by all that a kernel is compiled from.
 
     An index that refers to removed types or modules is treated as empty.
     """
 
     _impl_class = _Files
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        """Choose the folder for the compiled kernel of a function.
+    def __init__(self, compiled: Any) -> None:
+        """Choose the folder for a kernel; `compiled` is what numba made of the function.
 
         Raises:
             NoCacheError: none can be written, as in a container that is read-only.
         """
+        self._compiled = compiled
         try:
-            super().__init__(function)
+            super().__init__(compiled.py_func)
         except RuntimeError as error:
             note_uncached()
             raise NoCacheError from error
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return numba's key of the argument types `sig`, with the fields of named tuples among them.
+
+        Called for each loading and saving: the digest of the kernel is set here, before the index is read.
+        """
+        self._cache_file._source_stamp = stamp(self._compiled)
+        return (*super()._index_key(sig, codegen), repr(_layouts(getattr(sig, "args", sig))))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel for the argument types `sig`; None if it is missing, or cannot be read.

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dis
+import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import BuiltinFunctionType, ModuleType
 
+import numpy as np
 import pytest
 from numba.core.event import Event, EventStatus
 
 from occlog.console.foreign_code import PROGRAM
 from occlog.core.numerics import jit
-from occlog.core.numerics.kernel_cache import files_behind
+from occlog.core.numerics.kernel_cache import EXTERNAL, stamp
 
 pytestmark = pytest.mark.jit
 
@@ -108,14 +113,131 @@ def test_a_kernel_is_compiled_again_when_a_constant_behind_a_package_changes(tmp
     assert found == ["6.0", "14.0"]
 
 
-@pytest.mark.parametrize("module", ["occlog.track.methods.jipda.kernels.marginals", "occlog.core.plane"])
-def test_the_stamp_of_a_kernel_covers_all_of_occlog_that_its_module_loads(module: str) -> None:
-    code = f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('occlog')))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    behind = files_behind(module, str(PROGRAM))
-    # occlog/__init__.py loads rooms by names that are made; no kernel is there
-    by_name = {f"occlog.{room}" for room in ("evaluate", "ingest", "report", "simulate", "track")}
-    assert set(loaded) - by_name <= set(behind)
+MODULE = """
+import enum, math
+from typing import NamedTuple
+import numpy as np
+from occlog.core.numerics.jit import kernel, kernel_part
+import {helpers} as helpers
+
+class Kind(enum.IntEnum):
+    A, B = 1, 2
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+FACTOR, TABLE = 2.0, np.array([1.0, 2.0])
+
+def made(offset):
+    @kernel
+    def shifted(x):
+        return x + offset
+    return shifted
+
+shifted, other = made(1.0), made(2.0)
+
+@kernel_part
+def part(x):
+    return 3.0 * x
+
+@kernel
+def called(x, by=1.0):
+    return part(x) * by
+
+@kernel
+def calling(x):
+    '''Return a number.'''
+    pair = Pair(x, FACTOR)
+    if x in (5.0, 6.0):
+        return math.log(x)
+    return called(pair.first) + shifted(pair.second) - other(x) + TABLE[0] + Kind.B + helpers.offset(x) + helpers.SCALE
+
+@kernel
+def recursive(n: int) -> int:
+    return 1 if n == 0 else recursive(n - 1) + called(1.0)
+"""
+HELPERS = "from occlog.core.numerics.jit import kernel\nSCALE = 4.0\n@kernel\ndef offset(x):\n    return x - 1.0\n"
+
+
+def stamps(monkeypatch: pytest.MonkeyPatch, old: str = "", new: str = "") -> tuple[str, str]:
+    """Return the stamps of `calling` and `recursive` with the text `old` of the two modules replaced by `new`."""
+    made = []
+    for name, text in (("stamp_helpers", HELPERS), ("stamp_module", MODULE.format(helpers="stamp_helpers"))):
+        module = ModuleType(name)
+        monkeypatch.setitem(sys.modules, name, module)
+        # numba asks for the file of a function; this one holds no cache
+        exec(compile(text.replace(old, new) if old else text, __file__, "exec"), vars(module))
+        made.append(module)
+    return stamp(made[1].calling), stamp(made[1].recursive)
+
+
+def test_a_comment_a_docstring_or_another_line_does_not_compile_a_kernel_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = stamps(monkeypatch)
+    assert stamps(monkeypatch, "import enum", "# a comment\n\nimport enum") == before
+    assert stamps(monkeypatch, "Return a number.", "Return another sentence.") == before
+    assert stamps(monkeypatch, "first: float", "first: 'float'") == before  # annotations are not compiled
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("FACTOR, TABLE = 2.0", "FACTOR, TABLE = 2"),
+        ("np.array([1.0, 2.0])", "np.array([1.0, 2.5])"),
+        ("A, B = 1, 2", "A, B = 1, 3"),
+        ("    first: float\n    second: float", "    second: float\n    first: float"),
+        ("made(1.0)", "made(1.5)"),
+        ("made(1.0), made(2.0)", "made(2.0), made(1.0)"),
+        ("return 3.0 * x", "return 3.5 * x"),
+        ("by=1.0", "by=1.5"),
+        ("import kernel, kernel_part", "import array_kernel as kernel, kernel_part"),
+        ("(5.0, 6.0)", "(5.0, 7.0)"),
+        ("math.log(x)", "math.exp(x)"),
+        ("SCALE = 4.0", "SCALE = 5.0"),
+        ("return x - 1.0", "return x - 2.0"),
+    ],
+)
+def test_a_change_of_anything_that_a_kernel_is_compiled_from_compiles_it_again(
+    old: str, new: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert old in HELPERS + MODULE
+    before, after = stamps(monkeypatch), stamps(monkeypatch, old, new)
+    assert before[0] != after[0]
+    of_called = ("return 3.0 * x", "by=1.0", "import kernel, kernel_part")
+    assert (before[1] != after[1]) == (old in of_called)  # `recursive` calls only `called`
+
+
+COMPILED = (bool, int, float, np.generic, np.ndarray, tuple, type, ModuleType, BuiltinFunctionType, np.ufunc)
+"""Kinds of values that stamps of kernels describe."""
+
+
+def test_the_stamp_describes_every_global_that_a_kernel_of_occlog_refers_to() -> None:
+    for path in sorted(PROGRAM.joinpath("occlog").rglob("*.py")):
+        if re.search(r"^@(array_)?kernel(_part)?$", path.read_text(), re.M):
+            module = importlib.import_module(".".join(path.relative_to(PROGRAM).with_suffix("").parts))
+            for compiled in [each for each in vars(module).values() if hasattr(each, "py_func")]:
+                function = compiled.py_func
+                read = {each.argval for each in dis.get_instructions(function) if each.opname == "LOAD_GLOBAL"}
+                for name in read & function.__globals__.keys():
+                    value = function.__globals__[name]
+                    external = getattr(value, "__module__", "").partition(".")[0] in EXTERNAL
+                    assert hasattr(value, "py_func") or isinstance(value, COMPILED) or external, (path, name)
+
+
+def swapped(folder: Path, fields: str) -> str:
+    """Result of a kernel that subtracts the fields of a named tuple of another file."""
+    (folder / "pair.py").write_text(f"from collections import namedtuple\nPair = namedtuple('Pair', '{fields}')\n")
+    code = "from occlog.core.numerics.jit import kernel\n@kernel\ndef difference(pair):\n    return pair.a - pair.b\n"
+    (folder / "difference.py").write_text(code)
+    run = "from difference import difference; from pair import Pair; print(difference(Pair(a=3.0, b=1.0)))"
+    own = {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]), "NUMBA_CACHE_DIR": ""}
+    environment = {**os.environ, **own, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_DISABLE_JIT": "0"}
+    done = subprocess.run([sys.executable, "-c", run], env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_a_kernel_is_compiled_again_when_the_fields_of_its_argument_change_their_order(tmp_path: Path) -> None:
+    assert [swapped(tmp_path, fields) for fields in ("a b", "b a")] == ["2.0", "2.0"]
 
 
 def test_where_no_folder_can_be_written_kernels_run_uncached(tmp_path: Path) -> None:
