@@ -31,7 +31,7 @@ STILL = replace(
     birth_probability=0.0,
     clutter_rate=1e-9,
     walls=False,
-    deletion_threshold=0.0,
+    termination_threshold=0.0,
     mean_sound_s=1e12,
     mean_silence_s=1e-9,
 )

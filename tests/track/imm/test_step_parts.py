@@ -73,7 +73,7 @@ def test_a_step_adds_the_stated_noise_of_the_velocity_under_every_model():
 
 
 def test_tracks_go_on_down_to_the_threshold_and_up_to_the_longest_coasting():
-    config = replace(CONFIG, deletion_threshold=0.1, max_coasting_s=2.0)
+    config = replace(CONFIG, termination_threshold=0.1, max_coasting_s=2.0)
     for exists, seconds, goes_on in ((0.1, 2.0, True), (np.nextafter(0.1, 0.0), 2.0, False), (0.1, 2.001, False)):
         one = track(exists=exists, met_ns=3 * NS)
         assert method._is_kept(one, 3 * NS + round(seconds * NS), config) == goes_on

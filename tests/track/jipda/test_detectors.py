@@ -25,7 +25,7 @@ from occlog.track.methods.jipda.detector_model import (
     predict_hidden,
     prior_edge_errors,
     prior_statistics,
-    track_termination_rate,
+    target_death_rate,
     update_hidden,
     update_statistics,
 )
@@ -100,7 +100,7 @@ def test_at_first_the_settings_hold() -> None:
     counts = prior_statistics(2, config)
     np.testing.assert_allclose(rates(counts, config).detection, 0.7)
     np.testing.assert_allclose(clutter_rate(counts), 1.5)
-    assert track_termination_rate(counts) == pytest.approx(1.0 / 30.0)
+    assert target_death_rate(counts) == pytest.approx(1.0 / 30.0)
     assert manoeuvre_rate(counts) == pytest.approx(0.1)
     assert posture_change_rate(counts) == pytest.approx(0.025)
 

@@ -10,7 +10,7 @@ from occlog.track.methods.jipda.target_set import (
     birth_intensity,
     birth_velocity,
     empty_map,
-    track_termination_rate_at,
+    target_death_rate_at,
     update_map,
 )
 
@@ -29,7 +29,7 @@ def known(metre: float = 1.0):
 
 def test_nothing_is_known_at_first() -> None:
     empty = empty_map(1.0)
-    np.testing.assert_allclose(track_termination_rate_at(empty, HALL, 0.02), 0.02)
+    np.testing.assert_allclose(target_death_rate_at(empty, HALL, 0.02), 0.02)
     everywhere, at = birth_intensity(empty, 0.005, 20.0)
     assert everywhere == 0.005
     assert len(at) == 0
@@ -40,8 +40,8 @@ def test_nothing_is_known_at_first() -> None:
 
 @pytest.mark.parametrize("metre", [1.0, 100.0])
 def test_people_leave_by_the_door_and_not_from_the_hall(metre: float) -> None:
-    assert track_termination_rate_at(known(metre), DOOR * metre, 0.3)[0] > 0.8
-    assert track_termination_rate_at(known(metre), HALL * metre, 0.3)[0] < 0.02
+    assert target_death_rate_at(known(metre), DOOR * metre, 0.3)[0] > 0.8
+    assert target_death_rate_at(known(metre), HALL * metre, 0.3)[0] < 0.02
 
 
 def test_people_come_by_the_door_with_the_velocity_of_those_before() -> None:

@@ -504,7 +504,7 @@ def test_boxes_without_a_method_are_tracked_by_jipda(walk, tmp_path, capsys):
     # An option of the method is taken, and the method is stored as if it had been named
     for name, more in (("by_input", []), ("named", ["--method", "jipda"])):
         path = tmp_path / f"{name}.parquet"
-        args = ["track", str(tmp_path / "r.mcap"), "-o", str(path), "--set", "deletion_threshold=0.02", *more]
+        args = ["track", str(tmp_path / "r.mcap"), "-o", str(path), "--set", "termination_threshold=0.02", *more]
         assert run(args) == ExitCode.DONE
         assert ("method jipda" in capsys.readouterr().err) is (name == "by_input")
         assert read_provenance(path).parameters["method"] == "jipda"

@@ -101,7 +101,7 @@ class ImmConfig(SmoothingConfig):
         below=1,
     )
     confirmation_hits: int = setting(3, "Minimum number of detections before confirmation.", at_least=1)
-    deletion_threshold: float = setting(
+    termination_threshold: float = setting(
         0.02, "Existence probability below which a track is terminated.", at_least=0, below=1
     )
     max_coasting_s: float = setting(

@@ -427,7 +427,7 @@ def _with_hit(m: Moved, t_ns: int) -> Track:
 
 def _is_kept(track: Track, t_ns: int, config: ImmConfig) -> bool:
     """Return whether a track goes on: it exists with sufficient probability, and was heard or seen recently enough."""
-    return track.exists >= config.deletion_threshold and t_ns - track.met_ns <= config.max_coasting_s * NS
+    return track.exists >= config.termination_threshold and t_ns - track.met_ns <= config.max_coasting_s * NS
 
 
 def _confirmed(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:

@@ -157,7 +157,7 @@ class JipdaConfig(LagConfig):
         above=0,
         below=1,
     )
-    deletion_threshold: float = setting(
+    termination_threshold: float = setting(
         0.01,
         "Existence probability below which a track is terminated. Lower values keep tracks through longer "
         "occlusions and risk identity switches.",
@@ -168,10 +168,10 @@ class JipdaConfig(LagConfig):
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Generate the checks that involve two settings: (name, is fulfilled, requirement as text).
 
-        There is one: `deletion_threshold` must be below `confirmation_threshold`.
+        There is one: `termination_threshold` must be below `confirmation_threshold`.
         """
         yield (
-            "deletion_threshold",
-            self.deletion_threshold < self.confirmation_threshold,
+            "termination_threshold",
+            self.termination_threshold < self.confirmation_threshold,
             "below confirmation_threshold",
         )

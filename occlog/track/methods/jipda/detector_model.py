@@ -379,7 +379,7 @@ PRIOR_MANOEUVRES = 5.0
 """Weight of the prior manoeuvre rate, in manoeuvres."""
 PRIOR_POSTURE_CHANGES = 2.0
 """Weight of the prior posture-change rate, in posture changes."""
-PRIOR_TERMINATIONS = 2.0
+PRIOR_DEATHS = 2.0
 """Weight of the prior departure rate, in departures."""
 PRIOR_HIDDEN = (1.0, 60.0)
 """Prior counts of the times that something unknown (a post, a plant) hides a person, and of person-seconds."""
@@ -459,7 +459,7 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
         merges=np.tile(PRIOR_MERGES, (cameras, 1)),
         wrong=np.array(PRIOR_OUTLIER_EDGES),
         again=np.tile(PRIOR_PERSISTENT_CLUTTER, (cameras, 1)),
-        left=PRIOR_TERMINATIONS * np.array([1.0, config.mean_dwell_s]),
+        left=PRIOR_DEATHS * np.array([1.0, config.mean_dwell_s]),
         turned=PRIOR_MANOEUVRES * np.array([1.0, config.manoeuvre_interval_s]),
         bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.posture_change_interval_s]),
         hidden=np.tile(PRIOR_HIDDEN, (cameras, 1)),
@@ -511,8 +511,8 @@ def common_clutter_ratio(counts: DetectorStatistics) -> float:
     return float(counts.false[0] / counts.false[1])
 
 
-def track_termination_rate(counts: DetectorStatistics) -> float:
-    """Return the rate at which people leave the scene, per person [1/s]."""
+def target_death_rate(counts: DetectorStatistics) -> float:
+    """Return the death rate of targets: the rate at which people leave the scene, per person [1/s]."""
     return float(counts.left[0] / counts.left[1])
 
 

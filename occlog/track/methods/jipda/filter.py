@@ -46,7 +46,7 @@ from .detector_model import (
     prior_edge_errors,
     prior_statistics,
     reliable_boxes,
-    track_termination_rate,
+    target_death_rate,
     update_edge_errors,
     update_hidden,
     update_sources,
@@ -98,8 +98,8 @@ from .target_set import (
     no_targets,
     predict,
     select,
+    target_death_rate_at,
     tentative_targets,
-    track_termination_rate_at,
     update,
     update_map,
     with_gait_variance,
@@ -246,9 +246,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         state.people,
         t_ns,
         dt=dt,
-        leaving=track_termination_rate_at(
-            state.birth_map, state.people.mean[:, :2], track_termination_rate(state.counts)
-        ),
+        leaving=target_death_rate_at(state.birth_map, state.people.mean[:, :2], target_death_rate(state.counts)),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
         common=common,
@@ -420,7 +418,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     sure = (real > config.confirmation_threshold) & (people.boxes > fewest)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
-    stays = (real > config.deletion_threshold) & ~twice
+    stays = (real > config.termination_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("initiated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]

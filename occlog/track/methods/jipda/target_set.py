@@ -42,7 +42,7 @@ MIN_SIZE_RATIO = 0.15
 """Minimum height and width of a body, as a share of the usual ones."""
 MIN_EXISTENCE_COMPLEMENT = 1e-6
 """Limit of existence probabilities, and of their complements."""
-TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
+DEATH_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
 """Time out of all camera views [s] after which people leave at this rate [1/s]."""
 DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
 """Maximum distance of duplicate tracks, in widths, and minimum time [s]."""
@@ -190,7 +190,7 @@ def predict(
         people: N tracks at the last time step.
         t_ns: time of the prediction.
         dt: time since the last time step [s], >= 0.
-        leaving: (N,) rates at which people leave [1/s]; at least `TERMINATION_RATE_OUT_OF_VIEW` is used for tracks that
+        leaving: (N,) rates at which people leave [1/s]; at least `DEATH_RATE_OUT_OF_VIEW` is used for tracks that
             have been out of all images for `OUT_OF_VIEW_AFTER_S`.
         turning: rate at which people with constant velocity begin a manoeuvre [1/s].
         bending: rate at which people begin to bend, fall, lie down or get up [1/s].
@@ -226,7 +226,7 @@ def predict(
         F[a, a] = rho
         Q[:, a, a] = square * (1.0 - rho * rho)
     outside = t_ns - people.seen_ns > OUT_OF_VIEW_AFTER_S * NS
-    rate = np.where(outside, np.maximum(leaving, TERMINATION_RATE_OUT_OF_VIEW), leaving)
+    rate = np.where(outside, np.maximum(leaving, DEATH_RATE_OUT_OF_VIEW), leaving)
     people = replace(
         people,
         model=model,
@@ -401,7 +401,7 @@ def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
 
 CELL_SIZE_M, SMOOTHING_SIGMA_M = 0.5, 1.0
 """Side of a cell and deviation of the smoothing, in metres."""
-PRIOR_TERMINATIONS = 1.0
+PRIOR_DEATHS = 1.0
 """Weight of the overall departure rate, in departures per cell."""
 PRIOR_VELOCITY = 2.0
 """Weight of the prior deviation of the velocity, in arrivals per cell."""
@@ -483,13 +483,13 @@ def update_map(
     )
 
 
-def track_termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
-    """Return (n,) rates [1/s] at which people leave at `positions` (n, 2), from smoothed counts of departures.
+def target_death_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
+    """Return (n,) death rates of targets [1/s] at `positions` (n, 2), from smoothed counts of people who left there.
 
-    `overall` is the rate of the whole area [1/s]; it is the prior, with the weight of `PRIOR_TERMINATIONS` departures.
+    `overall` is the rate of the whole area [1/s]; it is the prior, with the weight of `PRIOR_DEATHS` departures.
     """
     near = _near(known, positions)
-    return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
+    return np.asarray((near @ known.left + PRIOR_DEATHS) / (near @ known.spent + PRIOR_DEATHS / overall))
 
 
 def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> tuple[float, Floats]:

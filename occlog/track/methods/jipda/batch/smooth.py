@@ -38,7 +38,7 @@ from ..detector_model import (
     persistent_clutter_density,
     persistent_clutter_rate,
     posture_change_rate,
-    track_termination_rate,
+    target_death_rate,
 )
 from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
@@ -184,7 +184,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
         area=area,
         people=max(len(positions) / len(snapshots), 0.5),
         false_people=common_clutter_rate(state.counts),
-        stay=1.0 / track_termination_rate(state.counts),
+        stay=1.0 / target_death_rate(state.counts),
         hiding_rate=hiding_rate(state.counts),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),

@@ -157,9 +157,9 @@ def _states(
 
 
 MIN_MISS_PROBABILITY = 1e-4
-"""Whoever is missed so long with a lower probability is not there any longer."""
-MIN_TERMINATION_RATE = 1e-9
-"""Rate of leaving of those who never leave [1/s]."""
+"""A person with a lower probability of that many missed detections is taken as gone."""
+MIN_DEATH_RATE = 1e-9
+"""Lower limit of the death rate of targets [1/s]."""
 
 
 @kernel
@@ -184,7 +184,7 @@ def dwell_times(
     n, T = step_index.shape[0], time.shape[0]
     total, rest = np.zeros(n), np.zeros(n)
     for k in range(n):
-        leaves = max(rate[k], MIN_TERMINATION_RATE)
+        leaves = max(rate[k], MIN_DEATH_RATE)
         t, here, there = step_index[k], 1.0, 1.0
         while 0 <= t + step < T:
             gone = -math.expm1(-leaves * abs(time[t + step] - time[t]))

@@ -21,7 +21,7 @@ from ..target_set import (
     POSTURE_WIDTH_NOISE,
     SIZE_NOISE_PER_ROOT_S,
     BirthIntensityMap,
-    track_termination_rate_at,
+    target_death_rate_at,
     two_states,
 )
 from .appearance import AppearanceVectors, log_ratio_joined, no_sums
@@ -267,7 +267,7 @@ def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> F
     """
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
-    return track_termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
+    return target_death_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
