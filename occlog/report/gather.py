@@ -7,7 +7,7 @@ bearings alone, then with the tracks.
 from __future__ import annotations
 
 import sys
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -689,15 +689,16 @@ class _Reading:
         given: StreamedTable[Events] | None = self._open("events", Events)
         if given is None:
             return
-        counts: Counter[str] = Counter()
+        counts: defaultdict[str, float] = defaultdict(float)
 
         def watched() -> Iterator[Events]:
             for chunk in given.chunks():
-                counts.update(chunk.kind.tolist())
+                for kind, number in chunk.counts().items():
+                    counts[kind] += number
                 yield chunk
 
         self._thin("events", given, watched(), ends=False)
-        self._figures["events"] = dict(counts)
+        self._figures["events"] = {kind: round(number) for kind, number in counts.items()}
 
     def _read_occluders(self) -> None:
         """Read the occluder priors: keep those at the time steps of the replay, or at every k-th of them."""

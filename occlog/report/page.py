@@ -244,9 +244,7 @@ def life_rows(data: ReportInput) -> list[LifeRow]:
     lives = sorted(data.people.lives.items(), key=lambda item: -item[1].rows)[:MAX_LIVES]
     counts = Counter[int]()
     if (events := data.events) is not None:
-        doubts = events.take(events.kind == POSSIBLE_SWITCH)
-        counts.update(doubts.target_id.tolist())
-        counts.update(doubts.other_id[doubts.other_id >= 0].tolist())
+        counts.update(events.target_id[events.kind == POSSIBLE_SWITCH].tolist())
     known = events is not None and data.whole["events"].every == 1
     out = []
     for target, life in sorted(lives, key=lambda item: (item[1].span_ns[0], item[0])):
@@ -259,7 +257,7 @@ def life_rows(data: ReportInput) -> list[LifeRow]:
 
 
 def switch_rows(data: ReportInput) -> list[SwitchRow]:
-    """Return the most probable identity switches of tracks in images, sorted by time.
+    """Return the most probable identity switches of tracks in images, sorted by time, one row for the two tracks.
 
     Empty for tracks on the ground.
     """
@@ -267,6 +265,8 @@ def switch_rows(data: ReportInput) -> list[SwitchRow]:
     if not data.in_images or events is None:
         return []
     doubts = np.flatnonzero(events.kind == POSSIBLE_SWITCH)
+    pairs = np.sort(np.column_stack([events.target_id[doubts], events.other_id[doubts]]), axis=1)
+    doubts = doubts[np.unique(np.column_stack([events.t_ns[doubts], pairs]), axis=0, return_index=True)[1]]
     doubts = np.sort(doubts[np.argsort(-np.nan_to_num(events.probability[doubts]), kind="stable")[:MAX_SWITCHES]])
     return [
         SwitchRow(

@@ -349,7 +349,8 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
         one = walk(k, np.arange(begin, begin + 10 + k) / 10, (k % 9, k % 7), (0.2, 0.1))
         people.append(replace(one, seen_by=random.choice(["", "camera1", "camera1,camera2"], len(one))))
         happened += [(int(one.t_ns[0]), "initiated", k, -1, 0.9), (int(one.t_ns[-1]), "terminated", k, -1, 0.1)]
-        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
+        pair = [(k, (k + 1) % 70), ((k + 1) % 70, k)] if k % 3 == 0 else []
+        happened += [(int(one.t_ns[5]), "possible_switch", a, b, 0.4) for a, b in pair]
     tracks = PeopleTracks.merge(people)
     bearings = placed(tmp_path, made_up(steps=200, cameras=2))
     role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))

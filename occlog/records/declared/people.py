@@ -146,6 +146,16 @@ class Events(ColumnTable):
         nan="not known",
     )
 
+    def shares(self) -> Floats:
+        """Return (N,) the share of an event that a row stands for: 1/2 in the two rows of a switch of two tracks."""
+        return np.where((self.kind == "possible_switch") & (self.other_id >= 0), 0.5, 1.0)
+
+    def counts(self) -> dict[str, float]:
+        """Return the number of events by kind; a possible switch of two tracks has two rows, and counts once."""
+        kinds, which = np.unique(self.kind, return_inverse=True)
+        numbers = np.bincount(which, weights=self.shares(), minlength=len(kinds))
+        return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
+
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[int, str, int, int, float]]) -> Self:
         """Build the table, sorted by time and identity, from rows in any order.

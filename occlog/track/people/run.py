@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 
@@ -20,7 +20,6 @@ from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.catalogue import METHODS
 from occlog.track.methods.jipda.filter import JipdaState
-from occlog.track.methods.jipda.interface import NO_ID
 from occlog.track.methods.jipda.lasting_errors.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
@@ -62,7 +61,7 @@ class _Counts:
         self.rows = self.unseen = 0
         self.existence = self.exchanges = 0.0
         self.times = 0
-        self.events: Counter[str] = Counter()
+        self.events: defaultdict[str, float] = defaultdict(float)
 
     def identities(self) -> tuple[Check, ...]:
         """Return the check of the expected number of identity switches per person."""
@@ -85,14 +84,10 @@ class _Counts:
         return outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows)
 
     def count_events(self, events: Events) -> None:
-        """Count the events by kind, and add the probabilities of possible switches to the expected number.
-
-        A switch of two tracks has two rows, each of which counts half.
-        """
-        self.events.update(events.kind.tolist())
-        # Both of the two have a row; a link to no other track has one
-        share = np.where(events.other_id == NO_ID, 1.0, 0.5)
-        self.exchanges += float(np.nansum((share * events.probability)[events.kind == "possible_switch"]))
+        """Count the events by kind, and add the probabilities of possible switches to the expected number."""
+        for kind, number in events.counts().items():
+            self.events[kind] += number
+        self.exchanges += float(np.nansum((events.shares() * events.probability)[events.kind == "possible_switch"]))
 
     def _no_tracks(self) -> Iterator[Check]:
         """Generate a finding if there are no tracks."""
@@ -215,9 +210,9 @@ class PeopleSummary(_Counts):
                 if self.rows
                 else {}
             ),
-            "initiated": self.events["initiated"],
-            "terminated": self.events["terminated"],
-            "possible_switches": self.events["possible_switch"],
+            "initiated": round(self.events["initiated"]),
+            "terminated": round(self.events["terminated"]),
+            "possible_switches": round(self.events["possible_switch"]),
             "expected_switches": round(self.exchanges, 1),
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
@@ -335,7 +330,7 @@ class ImageSummary(_Counts):
             "rows": self.rows,
             **({"mean_people": self.rows / self.times} if self.times else {}),
             **({"predicted_share": self.unseen / self.rows} if self.rows else {}),
-            "possible_switches": self.events["possible_switch"],
+            "possible_switches": round(self.events["possible_switch"]),
             "expected_switches": round(self.exchanges, 1),
             "frames": dict(zip(names, tally.frames.tolist(), strict=True)),
             "boxes": dict(zip(names, tally.boxes.tolist(), strict=True)),

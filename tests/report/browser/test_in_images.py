@@ -53,6 +53,7 @@ EVENTS = Events.of_rows(
     [
         (0, "initiated", 0, -1, np.nan),
         (30 * STEP, "initiated", 7, -1, np.nan),
+        (34 * STEP, "possible_switch", 0, 7, 0.25),
         (34 * STEP, "possible_switch", 7, 0, 0.25),
     ]
 )
@@ -76,7 +77,7 @@ def test_each_track_has_its_span_and_its_share_of_predicted_rows() -> None:
     assert (second.target, second.begin, second.end, second.predicted) == (7, 3.0, 3.9, "0")
     assert life_rows(replace(data, boxes_stated=False))[0].predicted == "–"
     assert [(row.seconds, row.target, row.other, row.probability) for row in switch_rows(data)] == [
-        (3.4, 7, "0", "0.25")
+        (3.4, 0, "7", "0.25")
     ]
 
 

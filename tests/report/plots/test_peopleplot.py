@@ -60,11 +60,11 @@ def test_the_people_who_are_there_longest_have_rows_in_the_order_of_their_births
 @pytest.mark.drawn
 def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:
     events = Events.of(
-        t_ns=[0, 2 * 10**9],
-        target_id=[3, 8],
-        kind=["initiated", "possible_switch"],
-        other_id=[-1, 3],
-        probability=[0.9, 0.4],
+        t_ns=[0, 2 * 10**9, 2 * 10**9],
+        target_id=[3, 3, 8],
+        kind=["initiated", "possible_switch", "possible_switch"],
+        other_id=[-1, 8, 3],
+        probability=[0.9, 0.4, 0.4],
     )
     page = build_page(ReportInput(tracks=hall(), events=events))
     wanted = ["Replay", "Floor plan", "Who was there", "Which camera saw them"]

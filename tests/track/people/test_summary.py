@@ -1,4 +1,4 @@
-"""What the summary of everybody's tracks says of the numbers of frames."""
+"""The summary of the tracks of all people: frame numbers, and possible identity switches."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from occlog.records.declared.people import Events
 from occlog.track.people.frame_detections import FrameNumbers
 from occlog.track.people.run import MIN_PAIRS, PeopleSummary
 
@@ -26,3 +27,12 @@ def test_possible_switches_are_a_warning_from_where_identities_are_lost(each: fl
     summary.rows, summary.times, summary.exchanges = 400, 100, 4.0 * each
     found = [f for f in summary.identities() if f.id == "identity-switches-likely"]
     assert [f.severity for f in found] == severity
+
+
+def test_a_possible_switch_of_two_tracks_has_two_rows_and_counts_once() -> None:
+    rows = [(1, "possible_switch", 3, 4, 0.6), (1, "possible_switch", 4, 3, 0.6), (2, "possible_switch", 3, -1, 0.5)]
+    events = Events.of_rows([(0, "initiated", 3, -1, 0.9), (0, "initiated", 4, -1, 0.9), *rows])
+    summary = PeopleSummary(SimpleNamespace(), SimpleNamespace(person_height=1.7))
+    summary.count_events(events)
+    assert dict(summary.events) == events.counts() == {"initiated": 2, "possible_switch": 2}
+    assert summary.exchanges == pytest.approx(0.6 + 0.5)

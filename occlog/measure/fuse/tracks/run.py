@@ -49,9 +49,10 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     """Return the figures of the summary by name.
 
     people, rows: of the output. multi_group_share: share of rows of people that several groups track at that time,
-    missing without rows. possible_switches: number of events of the kind `possible_switch` (two identities may have
-    been exchanged). groups: for each input file its number of people, and for each but the first the rows matched with
-    groups before (matched_pairs) and the median distance of the matched positions (median_separation [length]).
+    missing without rows. possible_switches: number of times when two identities may have been exchanged (events of the
+    kind `possible_switch`, of which each of the two has a row). groups: for each input file its number of people, and
+    for each but the first the rows matched with groups before (matched_pairs) and the median distance of the matched
+    positions (median_separation [length]).
 
     Args:
         paths: file of each group.
@@ -71,7 +72,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
         "people": len(np.unique(fused.tracks.target_id)),
         "rows": len(fused.tracks),
         **({"multi_group_share": float(several.mean())} if len(several) else {}),
-        "possible_switches": int(np.count_nonzero(fused.events.kind == "possible_switch")),
+        "possible_switches": round(fused.events.counts().get("possible_switch", 0)),
         "groups": by_group,
     }
 
