@@ -50,7 +50,7 @@ def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Comp
     NaN everywhere for fewer than two samples.
 
     Args:
-        t_s: (n,) rising times of the samples [s].
+        t_s: (n,) increasing times of the samples [s].
         xy: (n,) positions as x + i y.
         times: (T,) times of the grid [s].
         max_gap_s: longest interval that is interpolated [s].

@@ -111,7 +111,7 @@ def _input_units() -> click.Option:
         callback=_state,
         metavar="COLUMN=UNIT,...",
         help="Units of columns without a unit in their name, in tables of other programs: bearing=deg,x=cm, or deg,cm "
-        "for all angles and lengths; for one file, with its name before each: truth.csv:x=mm,truth.csv:t=ms. "
+        "for all angles and lengths; FILE: before a column limits it to that file: truth.csv:x=mm,truth.csv:t=ms. "
         "[default: s, and the scene's unit of length; angles must state theirs]",
     )
 

@@ -50,7 +50,7 @@ quiet_opt = click.option(
     "--quiet",
     is_flag=True,
     callback=remember_quiet,
-    help="No progress bars, notes and warnings on standard error; outputs hold the findings.",
+    help="No progress bars, notes and warnings on standard error; findings remain in the outputs.",
 )
 
 

@@ -87,7 +87,7 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """Return a value of the option as a value of the setting, in the setting's own unit."""
+        """Convert a value from the unit of the option to the unit of its setting."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:

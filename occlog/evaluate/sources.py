@@ -218,7 +218,7 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
     None without any times.
 
     Args:
-        chunks: times that are frames, in rising order, repeated or not; frames are numbered from 0.
+        chunks: times that are frames, in ascending order, repeated or not; frames are numbered from 0.
         frames: first frame, and the one after the last.
 
     Raises:

@@ -241,10 +241,10 @@ class IngestPlan(Settings):
     )
     lens_model: str | None = option_setting(
         None,
-        "Lens of calibrations that have four coefficients and do not state the model: fisheye (k1 to k4, of "
+        "Lens model of calibrations with four distortion coefficients that do not state it: fisheye (k1 to k4, of "
         "cv2.fisheye) or brown (k1, k2, p1, p2).",
         choices=("brown", "fisheye"),
-        nothing="as stated; else refused, in TOML brown",
+        nothing="brown in TOML; other files are refused",
     )
     ground_height: float | None = option_setting(
         None,

@@ -85,8 +85,8 @@ class IngestRequest(Request):
     )
     grid: str | None = option_setting(
         None,
-        "Grid of positions given as numbers of cells: size of a cell, and position of cell (0, 0), in the scene's "
-        "unit; in metres 0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's.",
+        "Grid of positions that are given as cell numbers (WILDTRACK, MultiviewX): size of a cell, and x and y of "
+        "cell 0, in the scene's unit; in metres 0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's.",
         metavar="SIZE,X,Y",
         shown="positions are lengths",
     )

@@ -71,7 +71,7 @@ ERRORS: dict[str, ErrorKind] = {
     # Tables
     "missing-column": ErrorKind("A table lacks a required column.", "Add the column; `occlog schema` lists all."),
     "unknown-column": ErrorKind(
-        "A table has no column of this name, or has one that is not known.",
+        "A table has no column of the stated name, or has a column that occlog does not know.",
         "Correct its name, or ignore extra columns.",
     ),
     "duplicate-row": ErrorKind(
@@ -133,7 +133,10 @@ ERRORS: dict[str, ErrorKind] = {
         "another lens model.",
         "Correct or repeat the calibration.",
     ),
-    "camera-not-named": ErrorKind("A file is of one camera or array and does not name it.", "Give it as NAME=FILE."),
+    "camera-not-named": ErrorKind(
+        "A file has the data of a single camera or microphone array, and does not state its name.",
+        "Give it as NAME=FILE.",
+    ),
     "too-few-sensors": ErrorKind(
         "The scene or the selection has fewer usable sensors than the command needs.", "Add sensors, or omit fewer."
     ),

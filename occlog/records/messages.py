@@ -66,7 +66,7 @@ def listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
-_MEET = "{now:.0%} match within {gate:g} {unit}, {met:.0%} after changing the tracks: {change}"
+_MEET = "{now:.0%} match within {gate:g} {unit}, {met:.0%} if tracks are changed ({change})"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -143,8 +143,8 @@ VERDICT: dict[str, Message] = {
     ),
     "no-path": Message(
         W,
-        _ROWS + "no path around a wall was found",
-        "give a smaller max_state_gap_s, for more states",
+        _ROWS + "the path passes through a wall, around which no path was found",
+        "give a smaller max_state_gap_s (more states)",
     ),
     "not-converged": Message(
         W,
@@ -194,7 +194,8 @@ VERDICT: dict[str, Message] = {
     ),
     "nis-small": Message(
         N,
-        "{what} have standard deviations {factor:.1f} times too large (NIS {nis:.2g}, allowed: {allowed:g} and more)",
+        "the stated standard deviations of {what} are {factor:.1f} times too large (NIS {nis:.2g}, "
+        "at least {allowed:g})",
         "state a smaller measurement noise",
     ),
     "process-noise-small": Message(
@@ -304,7 +305,7 @@ VERDICT: dict[str, Message] = {
         W,
         "the bearings agree with the tracks (NIS {nis_of_tracks:.2g}), not with the truth (NIS {nis:.2g}, allowed: "
         "{allowed:.0f})",
-        "compare with the truth of this target and clock",
+        "give the truth of this target, with times of the same clock",
     ),
     "tracks-delayed": Message(
         W,
@@ -350,7 +351,7 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-fit-if": Message(
         W,
-        "boxes of tracks and truth differ: {now:.0%} overlap a true one, {fit:.0%} after changing the tracks: {change}",
+        "boxes of tracks and truth differ: {now:.0%} overlap a true one, {fit:.0%} if tracks are changed ({change})",
         "check frame numbers, image size and columns of both",
     ),
     "covariances-singular": Message(
@@ -379,7 +380,7 @@ VERDICT: dict[str, Message] = {
     "error-far-above-bound": Message(
         N,
         "the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {allowed:.0f})",
-        "check the motion model of the bound ({option[motion]})",
+        "check the tracker, and the motion model of the bound ({option[motion]})",
     ),
     # Multi-camera tracks of people
     "no-boxes": Message(
@@ -568,7 +569,8 @@ VERDICT: dict[str, Message] = {
     ),
     "correlated-region-errors": Message(
         N,
-        "errors of video regions persist from frame to frame: smoothed covariances are too small at close encounters",
+        "errors of background subtraction last for many frames: smoothed covariances are too small where people are "
+        "close",
         "use boxes of a detector",
     ),
     "common-position-error": Message(
@@ -590,8 +592,7 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-low": Message(
         W,
-        "people are too slow: over {leg:.2g} {unit}, in {count} of {of} parts of paths, never faster than "
-        "{allowed:.2g} {unit}/s",
+        "people are too slow: below {allowed:.2g} {unit}/s along {count} of {of} path segments of {leg:.2g} {unit}",
         "check the frame rate (ingest --fps) and the unit of times",
     ),
     "frame-numbers-sparse": Message(
@@ -607,7 +608,9 @@ VERDICT: dict[str, Message] = {
     ),
     # Tracks in images
     "no-view-tracks": Message(
-        N, "no target was found", "give the first ellipses ({option[initial_ellipses]}), or better {option[detections]}"
+        N,
+        "no target was found",
+        "give initial ellipses ({option[initial_ellipses]}), or better {option[detections]}",
     ),
     "too-many-targets": Message(
         W,
@@ -616,12 +619,12 @@ VERDICT: dict[str, Message] = {
     ),
     "initial-ellipses-unused": Message(
         N,
-        "{count} of {given} first ellipses began no tracker: the video ends before them",
+        "{count} of {given} initial ellipses began no tracker: their times are after the end of the video",
         "check their times or frame numbers",
     ),
     "view-without-tracks": Message(
         N,
-        "no first ellipse began a tracker in {sensors}: nothing is tracked there",
+        "no initial ellipse began a tracker in {sensors}: nothing is tracked there",
         "give ellipses of this view, or omit it ({option[without]})",
     ),
     "single-view": Message(
@@ -660,7 +663,7 @@ VERDICT: dict[str, Message] = {
     ),
     "ground-single-view-targets": Message(
         N,
-        "targets in a single view only, which may be false: {targets}",
+        "identities in a single view only, which may be false tracks: {targets}",
         "compare them with the images",
     ),
     "ground-views-disagree": Message(
@@ -937,8 +940,8 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-looped": Message(
         W,
-        "camera {sensors}: {count} frames from {time} on repeat the boxes of {later_s:.4g} s before, unlike others",
-        "its video was played again: omit these frames",
+        "camera {sensors}: from {time} boxes of {count} frames equal those {later_s:.4g} s before, in no other camera",
+        "its video was played again: omit them",
     ),
     "boxes-end-early": Message(N, "camera {sensors}: its boxes end at frame {last} of {frames} of its images; {hint}"),
     "truth-times-disjoint": Message(
@@ -1154,7 +1157,9 @@ DOCTOR: dict[str, Message] = {
         "a message that cannot be read, since it does not match its type; `occlog ingest` leaves it out",
         "copy the bag again from where it was recorded, or record again",
     ),
-    "undecoded": Message(N, "messages of this topic were not decoded, and only their times of recording checked"),
+    "undecoded": Message(
+        N, "messages of this topic have a type that is not decoded: only their times of recording were checked"
+    ),
     "linked-video": Message(E, "its linked video cannot be used"),
     "image": Message(W, "an image that cannot be decoded", "its frame is lost; ingest the source again"),
     "video-frames": Message(W, "lost frames", "copy or repair the file"),

@@ -38,7 +38,7 @@ class Scan(NamedTuple):
     """
 
     t_ns: int
-    sensor: Ints  # (R,) index in `sensor_names`, rising
+    sensor: Ints  # (R,) index in `sensor_names`, ascending
     target_id: Ints32  # (R,) UNLABELLED: a candidate that may be of any object
     seen: Bools  # (R,)
     bearing: Floats  # (R,) [rad]

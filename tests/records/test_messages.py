@@ -71,5 +71,5 @@ def test_every_id_is_used_and_every_used_id_is_declared() -> None:
 def test_options_are_spelled_and_further_names_counted() -> None:
     message = VERDICT["view-without-tracks"]
     reported = spelled(message.fill(sensors=("a", "b", "c", "d", "e")))
-    assert reported.startswith("no first ellipse began a tracker in a, b, c, 2 more: ")
+    assert reported.startswith("no initial ellipse began a tracker in a, b, c, 2 more: ")
     assert "--without" in reported

@@ -131,7 +131,7 @@ def with_focal(camera: Camera, focal_px: float) -> Camera:
 
 
 def _apart(t: Floats) -> list[int]:
-    """Indices of a subset of the rising times t (n,) [s], at least `STEP_S` apart."""
+    """Indices of a subset of the increasing times t (n,) [s], at least `STEP_S` apart."""
     kept: list[int] = []
     for k, when in enumerate(t.tolist()):
         if not kept or when - t[kept[-1]] >= STEP_S:

@@ -18,7 +18,7 @@ def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
         gate: largest cost of a pair; pairs that cost more are not made.
 
     Returns:
-        (k,) rows, rising, and (k,) columns of the pairs.
+        (k,) rows, ascending, and (k,) columns of the pairs.
     """
     cost = np.asarray(cost, dtype=np.float64)
     if not cost.size:

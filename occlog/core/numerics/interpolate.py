@@ -83,8 +83,8 @@ NO_LIMIT = np.iinfo(np.int64).max
 class TimeGrid(NamedTuple):
     """Positions of n objects (targets and occluders) at C times, with further columns that change with time."""
 
-    t_ns: Ints  # (C,) rising
-    ids: Ints  # (n,) rising
+    t_ns: Ints  # (C,) ascending
+    ids: Ints  # (n,) ascending
     target: Bools  # (n,): a target, not an occluder
     xyz: Floats  # (C, n, k) x, y, z and whatever else changes with time; NaN where an object is absent
 

@@ -47,7 +47,7 @@ def add_joint(
     Args:
         total: (L,) log-likelihoods; positions with -inf are left out.
         xy: (L, 2) positions.
-        sensor: (n,) index of the camera of each frame.
+        sensor: (n,) index of the camera of each of n frames, at most one frame of a camera.
         a: (n, L) likelihood of a frame's report if no occluder hides the position.
         b: (n,) likelihood of a frame's report if an occluder does.
         assigned: (n, L) frames that count for a position.

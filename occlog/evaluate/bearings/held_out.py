@@ -299,11 +299,11 @@ HEIGHT = 1.7
 class BoxFrames(NamedTuple):
     """Boxes of one camera, sorted by frame: those of frame k have the indices start[k] to start[k + 1].
 
-    `t_ns`: (F,) rising times of the frames [ns]; `start`: (F + 1,); `middle` and `feet`: (n, 2) pixels of the centre
-    and of the middle of the lower edge of each of the n boxes.
+    `t_ns`: (F,) increasing times of the frames [ns]; `start`: (F + 1,); `middle` and `feet`: (n, 2) pixels of the
+    centre and of the middle of the lower edge of each of the n boxes.
     """
 
-    t_ns: Ints  # (F,) times of the frames, rising
+    t_ns: Ints  # (F,) times of the frames, ascending
     start: Ints  # (F + 1,) first box of each frame
     middle: Floats  # (n, 2) middle of each box [px]
     feet: Floats  # (n, 2) middle of its lower edge [px]

@@ -328,10 +328,10 @@ class AgainstBearings:
         }
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Finish after the last interval; the table of the bound is passed to `take`, in pieces.
+        """Finish after the last interval, and pass the rows of the Cramer-Rao bound to `take`, in chunks.
 
         Raises:
-            InputError: the bound cannot be computed (`Bounds.finish`), or distance measurements are implausible.
+            InputError: the bound cannot be computed (`Bounds.finish`), or ranges or range differences are implausible.
         """
         if self._distances is not None:
             self._distances.finish()

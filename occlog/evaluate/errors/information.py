@@ -189,7 +189,7 @@ def information_of(
     """Return the Fisher information (T, d, d) about a target's position at each time, and the number of bearings (T,).
 
     Args:
-        times: (T,) rising times [ns], among them those of all observations.
+        times: (T,) increasing times [ns], among them those of all observations.
         observations: observations of the target, by sensor.
         sensors: by name.
         d: 2 on the ground, 3 in space.
@@ -218,7 +218,7 @@ def add_distances(
     Args:
         information: (T, 2, 2) at each time; changed.
         n_seen: (T,) numbers of measurements; increased.
-        times: (T,) rising times [ns], among them those of the measurements.
+        times: (T,) increasing times [ns], among them those of the measurements.
         measured: measurements of all targets.
         target: identity of the target.
         path: its true positions; measurements at times without one are skipped.

@@ -42,8 +42,8 @@ class EvaluationSurvey:
     """Identities and times of all tracks and targets, from a first pass over both tables.
 
     Attributes:
-        tracks: by identity, rising.
-        targets: true targets by identity, rising.
+        tracks: by identity, ascending.
+        targets: true targets by identity, ascending.
         unknown: whether the covariance of some estimate is not known.
         tracks_ns: first and last time of the tracks [ns]; None: they have no rows.
         truth_ns: first and last time of the truth with all its roles [ns]; None: it has no rows.
@@ -162,7 +162,7 @@ class TruthIntervals:
 
         Args:
             label: identity of the object.
-            t_ns: (n,) rising times [ns].
+            t_ns: (n,) increasing times [ns].
             last_ns: time of its last position before them [ns]; None: these are its first.
         """
         number = self._number.setdefault(label, len(self._number))

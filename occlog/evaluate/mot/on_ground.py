@@ -122,8 +122,8 @@ class GroundFigures:
         """Start without frames.
 
         Args:
-            targets: all identities of targets, rising; additional ones do no harm.
-            tracks: all identities of tracks, rising.
+            targets: all identities of targets, ascending; additional ones do no harm.
+            tracks: all identities of tracks, ascending.
             frames: number of all frames.
             config: options, with a match distance.
             unit: unit of lengths.
@@ -439,7 +439,7 @@ def points_in_true_frames(
     Args:
         tracks: estimates.
         truth: true positions; InputError if it has rows, but none of a target.
-        times: (F,) rising frame times [ns].
+        times: (F,) increasing frame times [ns].
         config: largest match distance and gap of tracks.
         limit_ns: widest gap of the truth that is interpolated [ns]; None: that of each path.
         unit: unit of lengths.
@@ -464,7 +464,7 @@ def places_of(
     Args:
         targets: true paths by identity.
         tracks: estimated paths by identity.
-        times: (F,) rising frame times [ns].
+        times: (F,) increasing frame times [ns].
         begin: number of the first frame.
         config: largest match distance and gap of tracks.
         limit_ns: widest gap of true paths that is interpolated [ns]; None: that of each path.
@@ -486,7 +486,7 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Return the positions of each path at rising times (F,) [ns], interpolated, with index of the time and identity.
+    """Return the positions of each path at increasing times (F,) [ns], interpolated, with index of time and identity.
 
     Unknown positions get no row. `limit_ns`: widest gap that is interpolated [ns]; None: that of each path.
     """

@@ -177,8 +177,8 @@ class ImageTrackFigures:
 
         Args:
             views: names of the cameras.
-            targets: (G, 2) view and label of every target, rising.
-            tracks: (K, 2) view and label of every track, rising.
+            targets: (G, 2) view and label of every target, ascending.
+            tracks: (K, 2) view and label of every track, ascending.
             config: options.
         """
         self._views, self._keys, self._config = views, (targets, tracks), config

@@ -27,13 +27,13 @@ T = TypeVar("T", bound=ColumnTable)
 class Join(NamedTuple):
     """Joined rows of tables A and B, and rows without a counterpart.
 
-    `a`, `b`: (M,) rows of A by rising key, and their partners in B; `only_a`, `only_b`: rows without a partner, by
-    rising key; `rank_a` (N_a,), `rank_b` (N_b,): ranks of the rows' keys over both tables.
+    `a`, `b`: (M,) rows of A by ascending key, and their partners in B; `only_a`, `only_b`: rows without a partner, by
+    ascending key; `rank_a` (N_a,), `rank_b` (N_b,): ranks of the rows' keys over both tables.
     """
 
-    a: Ints  # (M,) rows of A, by rising key
+    a: Ints  # (M,) rows of A, by ascending key
     b: Ints  # (M,) their partners in B
-    only_a: Ints  # by rising key
+    only_a: Ints  # by ascending key
     only_b: Ints
     rank_a: Ints  # (N_a,)
     rank_b: Ints  # (N_b,)

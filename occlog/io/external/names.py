@@ -301,7 +301,7 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Whether a column is a time difference [s] without the ending `_s` in its own name (files must state its unit)."""
+    """Return whether a column is a duration [s] with a name that does not end in `_s`: inputs must add its unit."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 

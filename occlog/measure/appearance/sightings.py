@@ -83,12 +83,12 @@ def covered(boxes: Floats) -> Floats:
 
 
 class PersonPath(NamedTuple):
-    """Positions (M, 2) and headings (M, 2) of one person at M rising times [ns], in the world.
+    """Positions (M, 2) and headings (M, 2) of one person at M increasing times [ns], in the world.
 
     Headings are unit vectors, NaN where unknown.
     """
 
-    t_ns: Ints  # (M,) rising
+    t_ns: Ints  # (M,) ascending
     xy: Floats  # (M, 2)
     heading: Floats  # (M, 2) unit vectors; NaN where it is not known
 
@@ -99,7 +99,7 @@ class PeopleAtTimes(NamedTuple):
     Headings are unit vectors; NaN where unknown or absent.
     """
 
-    identity: Ints32  # (K,) rising
+    identity: Ints32  # (K,) ascending
     xy: Floats  # (N, K, 2) NaN: not there
     heading: Floats  # (N, K, 2) unit vectors, NaN: not known
     there: Bools  # (N, K)

@@ -77,7 +77,7 @@ class GalleryArrays(NamedTuple):
     """Appearance gallery as arrays, for R targets, N viewing angles and m colour bins.
 
     Attributes:
-        target: (R,) identities, rising.
+        target: (R,) identities, ascending.
         density: (R, N, m) normalised histograms.
         pixels: (R, N) numbers of pixels in them.
         there: (R, N) mask of learned viewing angles.
@@ -181,8 +181,8 @@ class IdentityEvidence(NamedTuple):
     """Similarity of the boxes of K tracks to R targets of a gallery, summed over boxes.
 
     Attributes:
-        track: (K,) identities of the tracks, rising.
-        target: (R,) identities of the targets, rising.
+        track: (K,) identities of the tracks, ascending.
+        target: (R,) identities of the targets, ascending.
         similarities: (K, R) sums of Bhattacharyya coefficients, corrected for their bias.
         boxes: (K, R) numbers of boxes that were compared.
     """

@@ -45,7 +45,7 @@ class _States(NamedTuple):
     States are x, y, cov_xx, cov_xy, cov_yy in the world, NaN where a track does not exist.
     """
 
-    target: Ints32  # (K,) rising
+    target: Ints32  # (K,) ascending
     values: Floats  # (N, K, 5) x, y, cov_xx, cov_xy, cov_yy; NaN where the track is not
     there: Bools  # (N, K)
 

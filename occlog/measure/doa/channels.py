@@ -498,7 +498,7 @@ class Channels:
         return self._lags.slowness(self._microphones, self._rate)
 
     def late(self) -> dict[int, int]:
-        """Delays of delayed microphones [samples], by number from 1; negative: early. Empty without positions."""
+        """Delays [samples] of microphones out of step, by number from 1; negative: early. Empty without positions."""
         if self._microphones is None:
             return {}
         self._lags.finish()

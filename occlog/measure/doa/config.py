@@ -31,7 +31,7 @@ class DoaConfig(Settings):
 
     algorithm: str = option_setting(
         "srp",
-        "Algorithm of pyroomacoustics: SRP-PHAT (srp), MUSIC, NormMUSIC, CSSM, WAVES or TOPS.",
+        "Algorithm of pyroomacoustics that estimates directions; srp is SRP-PHAT.",
         choices=tuple(ALGORITHMS),
     )
     low_hz: float = setting(300.0, "Lower end of the frequency band.", unit="Hz", above=0, below=1e9)

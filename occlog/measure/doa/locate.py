@@ -164,7 +164,7 @@ class DirectionGrid(NamedTuple):
     `allowed` (E, A) masks one of each pair of directions that a flat array cannot distinguish.
     """
 
-    azimuth: Floats  # (A,) rising, all around
+    azimuth: Floats  # (A,) ascending, all around
     elevation: Floats  # (E,)
     allowed: Bools  # (E, A) a flat array gives one of the two directions that it cannot distinguish
 

@@ -255,7 +255,7 @@ ViewDetections = dict[str, Shown]
 
 
 def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> Iterator[ViewDetections]:
-    """Group detections of the views, given with rising times [ns], to time steps of at most `window_ns` [ns].
+    """Group detections of the views, given with increasing times [ns], to time steps of at most `window_ns` [ns].
 
     A view has one time in a step.
     """

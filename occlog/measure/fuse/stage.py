@@ -177,7 +177,7 @@ class _FusionStep(NamedTuple):
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
-    observing: Ints  # cameras that delivered a frame, rising
+    observing: Ints  # cameras that delivered a frame, ascending
     t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 

@@ -184,7 +184,7 @@ def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
     """(n, 2) positions at `times` on parabolas fitted to the `MEETINGS` nearest points by weighted least squares.
 
     Args:
-        at: (S,) rising times of the points [ns], at least `MEETINGS` of them.
+        at: (S,) increasing times of the points [ns], at least `MEETINGS` of them.
         xy: (S, 2) points.
         weight: (S,) inverse standard deviations of the points.
         times: (n,) times [ns] from the first of `at` to the last.

@@ -106,7 +106,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 def crossing(rows: list[PaperRow]) -> PaperRow | None:
     """Interpolate, run by run, where the RMSE equals the error of the priors; None if it does between no two rows.
 
-    `rows` have the error of the priors as x, rising, and RMSE as values. Returns a row with the mean crossing as x.
+    `rows` have the error of the priors as x, ascending, and RMSE as values. Returns a row with the mean crossing as x.
     """
     for a, b in pairwise(rows):
         if a.mean >= a.x and b.mean < b.x:
@@ -174,7 +174,7 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
     smaller even there.
 
     Args:
-        grid: errors of the priors, rising.
+        grid: errors of the priors, ascending.
         rmse: RMSE at each of them.
         target: required RMSE.
     """

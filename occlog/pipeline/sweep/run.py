@@ -184,9 +184,9 @@ def summarise(values: Sequence[float]) -> Summary:
 
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
-    """Return a row for each trial: varied values, run and figures.
+    """Return a table row for each trial: values of the varied settings, number of the run, and metrics.
 
-    `results`: figures of all trials, in the order of the settings and their runs.
+    `results`: metrics of all trials; those of the runs of a combination of settings follow each other.
     """
     rows, index = [], 0
     for setting in settings:

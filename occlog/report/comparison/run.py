@@ -131,9 +131,10 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """Return path and content of the truth that both runs have; None without a truth, or without targets in it.
+    """Return path and content of the truth of two runs, which one or both of them name.
 
-    InputError if the runs have different truths, or for another length unit. `unit`: that of the runs.
+    None if none does, or if the truth has no targets. InputError if they name truths that differ, or if its length
+    unit is not `unit`, that of the runs.
     """
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):

@@ -151,7 +151,7 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
     not shown.
 
     Args:
-        kept: (M,) rising times of the replay [ns].
+        kept: (M,) increasing times of the replay [ns].
         period_ns: median interval of all times [ns].
         t_ns: (N,) times of rows [ns].
 

@@ -65,7 +65,7 @@ def placed(values: Floats, middle: float, step: float) -> Ints:
 def starts(step: Ints, n_steps: int) -> Packed:
     """Return the first row of each of `n_steps` time steps, and the number of rows, encoded for the page's script.
 
-    `step`: (N,) index of the time step of each row, rising.
+    `step`: (N,) index of the time step of each row, ascending.
     """
     return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 

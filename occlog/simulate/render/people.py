@@ -257,7 +257,7 @@ def reference_appearances(
 
     Args:
         scene: scene with its lamps; the body stands below the first lamp.
-        targets: numbers of the targets, rising, as in the truth that is rendered.
+        targets: numbers of the targets, ascending, as in the truth that is rendered.
         config: settings of the video.
         seed: seed of the video, which determines the clothes.
         colours: whether the video has colours; without, the histograms are of brightness alone.

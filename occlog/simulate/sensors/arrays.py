@@ -44,7 +44,7 @@ class Sounding:
         self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
-        """(T, n) mask of the sources `ids` (n,) that sound at each of the rising times `t_ns` (T,) [ns]."""
+        """(T, n) mask of the sources `ids` (n,) that sound at each of the increasing times `t_ns` (T,) [ns]."""
         out = np.ones((len(t_ns), len(ids)), dtype=np.bool_)
         for column, number in enumerate(ids.tolist()):
             for low, high in self._silent.get(number, ()):
@@ -69,7 +69,7 @@ class SoundChanges:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
-        """(T,) mask of the rising times `t_ns` (T,) [ns] at which the source sounds."""
+        """(T,) mask of the increasing times `t_ns` (T,) [ns] at which the source sounds."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()

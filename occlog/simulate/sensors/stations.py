@@ -44,7 +44,7 @@ class SimulatedReader:
         Stationary Ornstein-Uhlenbeck processes; a new tag begins with the stationary distribution.
 
         Args:
-            t_ns: (T,) rising times [ns].
+            t_ns: (T,) increasing times [ns].
             ids: (n,) numbers of the tags.
             config: standard deviation and correlation time.
         """

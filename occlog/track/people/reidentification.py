@@ -64,9 +64,9 @@ class TrackFragments(NamedTuple):
     first_ns: Ints  # (P,) of its rows
     last_ns: Ints  # (P,)
     partners: tuple[tuple[int, ...], ...]  # (P,) tracks that were cut at the beginning of this one, too
-    tracks: Ints32  # (K,) identities, rising
-    cuts: Ints  # (T,) times of all cuts, rising
-    code: Ints  # (P,) rising
+    tracks: Ints32  # (K,) identities, ascending
+    cuts: Ints  # (T,) times of all cuts, ascending
+    code: Ints  # (P,) ascending
 
     def of(self, track: Ints32, t_ns: Ints) -> Ints:
         """Return the fragment index (n,) of each row by its track and time; -1 if the track is unknown."""

@@ -94,7 +94,7 @@ def test_what_makes_boxes_fit_is_named(
 ) -> None:
     truth = rows(1)
     (text,) = evaluated(tmp_path, change(truth), truth, capsys)
-    assert f", 100% after changing the tracks: {words}; " in text
+    assert f", 100% if tracks are changed ({words}); " in text
 
 
 def test_nothing_is_reported_of_tracks_that_fit_or_of_other_objects(

@@ -21,6 +21,7 @@ from occlog.measure.epipolar.geometry import view_geometry
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
+from occlog.records.messages import VERDICT
 from occlog.records.tables import Bearings, Boxes, Tracks, TruthBoxes
 from occlog.track.catalogue import METHODS
 from occlog.track.methods.images.methods.config import CONFIGS
@@ -307,7 +308,7 @@ def test_a_view_without_first_ellipses_and_a_run_without_any_are_reported(balls,
     path = tmp_path / "e.csv"
     path.write_text(f"{HEADER}\nview1,0,60,60,11,11,0\n")
     assert track(balls, tmp_path, initial=path) == ExitCode.DONE
-    assert "no first ellipse began a tracker in view2: nothing is tracked there" in capsys.readouterr().err
+    assert "no initial ellipse began a tracker in view2: nothing is tracked there" in capsys.readouterr().err
     assert track(balls, tmp_path, initial=None) == ExitCode.DONE
     assert "no --initial-ellipses and no --detections: trackers begin from the boxes in" in capsys.readouterr().err
 
@@ -384,7 +385,7 @@ def test_detections_of_a_file(balls, tmp_path, capsys):
     write_table(path, truth, Provenance("test"))
     assert track(balls, tmp_path, "-q", "--detections", str(path), initial=None) == ExitCode.DONE
     assert (result(tmp_path).lifecycle == "start").sum() >= 4
-    # With first ellipses too, the identities are theirs
+    # With initial ellipses too, the identities are theirs
     assert track(balls, tmp_path, "-q", "--detections", str(path)) == ExitCode.DONE
     table = result(tmp_path)
     assert set(table.target_id[table.frame == 0].tolist()) == {0, 1, 2}
@@ -503,8 +504,8 @@ def test_tables_may_be_of_a_longer_recording(tmp_path, capsys):
     write_table(table, TruthBoxes.of(**long), Provenance("test"))
     assert track(path, tmp_path, method="mipf", initial=table) == ExitCode.DONE
     stderr = capsys.readouterr().err
-    assert "1 of 1 first ellipses began no tracker: the video ends before them" in stderr
-    assert "no target was found" in stderr
+    assert VERDICT["initial-ellipses-unused"].text.format(count=1, given=1) in stderr
+    assert VERDICT["no-view-tracks"].text in stderr
 
 
 def test_what_was_lost_of_first_ellipses_and_of_matrices_is_listed(balls, tmp_path):

@@ -115,7 +115,7 @@ class HotaCounts:
             alphas: (A,) thresholds of similarity in (0, 1).
         """
         self._known, self._alphas = known, alphas
-        self._couples = np.zeros(0, dtype=np.int64)  # target times number of tracks plus track, rising
+        self._couples = np.zeros(0, dtype=np.int64)  # target times number of tracks plus track, ascending
         self._tpa = np.zeros((0, len(alphas)), dtype=np.int64)
         self._similarity = [Sum() for _ in alphas]
 

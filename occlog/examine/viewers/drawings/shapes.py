@@ -267,7 +267,7 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
     Args:
         group: m polylines with equal numbers of vertices.
         counts: (m,) number of points on each; they sum to n.
-        wanted: (n,) distances from the beginning of the polyline, rising on each.
+        wanted: (n,) distances from the beginning of the polyline, ascending on each.
     """
     points, along = group.points, group.along
     size, axes = points.shape[1:]

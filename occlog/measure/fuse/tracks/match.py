@@ -151,7 +151,7 @@ def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: fl
 
 
 def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
-    """(n,) moving averages of values (n,) over +-`half_ns` [ns] around each of the rising times `t_ns` (n,)."""
+    """(n,) moving averages of values (n,) over +-`half_ns` [ns] around each of the increasing times `t_ns` (n,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     low = np.searchsorted(t_ns, t_ns - half_ns, side="left")
     high = np.searchsorted(t_ns, t_ns + half_ns, side="right")

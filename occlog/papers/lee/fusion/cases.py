@@ -114,7 +114,7 @@ def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], lev
         key: id of the verdict.
         statement: text of the statement.
         limit: printed variance.
-        rows: shares by variance (x), rising.
+        rows: shares by variance (x), ascending.
         level: share, 0 to 1.
     """
     n = min((r.runs for r in rows), default=0)

@@ -42,7 +42,7 @@ PRINTED = {
 
 
 def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
-    """String of five routers and a server ([Lee] Fig. 5-41) with the objects and cameras of a scenario, 1 to 3.
+    """Chain of five routers and a server ([Lee] Fig. 5-41) with the objects and cameras of a scenario, 1 to 3.
 
     `channel`: what the links between routers share; one of `CHANNELS`.
     """

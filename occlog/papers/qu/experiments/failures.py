@@ -39,7 +39,7 @@ class FailureCurve(NamedTuple):
 
     Attributes:
         targets: number of targets.
-        totals: (K,) number of particles of all trackers in all views, rising.
+        totals: (K,) number of particles of all trackers in all views, ascending.
         rates: (K, R) sum of both failure rates [%].
     """
 
@@ -90,7 +90,7 @@ def enough(totals: Floats, rates: Floats) -> float:
     """The fewest particles that suffice; between two numbers tried the rate is linear in their logarithm.
 
     Args:
-        totals: (K,) numbers of particles, rising.
+        totals: (K,) numbers of particles, ascending.
         rates: (K,) mean failures [%].
 
     Returns:

@@ -47,7 +47,8 @@ class ApfConfig(SmoothingConfig):
     # Motion, [Ercan] Sec. 4.1; probabilities are those of one reference step.
     reference_step_s: float = setting(
         1.0,
-        "Reference step of the waypoint model: beta and lambda are probabilities per this time.",
+        "Reference step of the waypoint motion model: `beta1`, `lambda1`, `beta2` and `lambda2` are probabilities for "
+        "this time.",
         unit="s",
         at_least=1e-3,
     )
@@ -195,7 +196,8 @@ class ApfConfig(SmoothingConfig):
     # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
     likelihood: str = setting(
         "independent",
-        "Occlusion likelihood p(eta|u): `independent` cameras, `recursion` ([Ercan] Eqs. 8-9), or `exact`.",
+        "Likelihood that occluders hide a target at u from a set of cameras, p(eta|u): cameras taken as `independent` "
+        "(fastest), `recursion` ([Ercan] Eqs. 8-9), or `exact`.",
         choices=PROBABILITIES,
     )
     occlusion_form: str = setting(

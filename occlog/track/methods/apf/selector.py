@@ -66,7 +66,7 @@ class CameraChoice(NamedTuple):
 class Choice(NamedTuple):
     """Selected cameras (rows of the sensors, increasing) and the expected mean square error [length^2] with them."""
 
-    cameras: tuple[int, ...]  # rows of the sensors, rising
+    cameras: tuple[int, ...]  # rows of the sensors, ascending
     mse: float
 
 

@@ -288,10 +288,10 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 
 
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
-    """Return the two planes and sensors by the rule printed in [Lee], from polar angles.
+    """Select the two planes and sensors with the rule as [Lee] prints it, which compares polar angles with 45 deg.
 
-    Sensors without elevation are ignored; if none has an elevation, plane xy of the first sensor with a direction is
-    completed by `before`.
+    Sensors without elevation are ignored. If none has an elevation, the first plane is xy of the first sensor with a
+    direction, and the other one is taken from `before`.
 
     Args:
         heard: the scan of N sensors.

@@ -126,7 +126,7 @@ class TrackSnapshot(NamedTuple):
     """
 
     t_ns: int
-    ids: Ints  # (m,) identities of people who are confirmed, rising; never used again after a death
+    ids: Ints  # (m,) identities of people who are confirmed, ascending; never used again after a death
     mean: Floats  # (m, 6) x, y, vx, vy, height, width
     covariance: Floats  # (m, 6, 6)
     existence: Floats  # (m,) probability that the person is there

@@ -261,7 +261,7 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
 
     Args:
         rows: m measurements in the coordinates of X.
-        state: (m,) index of each one's time, rising.
+        state: (m,) index of each one's time, ascending.
         X: (T, 4) states x, vx, y, vy about which they are linearised.
         square: use the square loss, in which all measurements count as true; else they are reweighted.
         wide: standard deviation of an additional position error by which measurements are widened.

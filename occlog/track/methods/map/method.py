@@ -59,7 +59,7 @@ def settled(t_ns: Ints, lag_ns: int | None) -> int:
     """Return the number of initial states that are old enough to be released; never the last one.
 
     Args:
-        t_ns: (T,) times of the states, rising, T >= 1.
+        t_ns: (T,) times of the states, ascending, T >= 1.
         lag_ns: a state is released when it is at least this long before the last one; None: no state is.
     """
     if lag_ns is None:

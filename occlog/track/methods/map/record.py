@@ -29,12 +29,12 @@ class TargetRecord(NamedTuple):
     ranges, signal strengths and differences, of the times `measured_state` (None: missing).
     """
 
-    t_ns: Ints  # (T,) rising
-    state: Ints  # (R,) which time each row is of, rising
+    t_ns: Ints  # (T,) ascending
+    state: Ints  # (R,) which time each row is of, ascending
     rows: Scan  # R rows; the time and the occluders of this scan mean nothing
     occluders: tuple[Priors | None, ...] = ()  # of the first times, in order; None, and beyond these: nothing is known
     measured: RangeMeasurements | None = None  # ranges and their like; None: missing at all
-    measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
+    measured_state: Ints = NO_STATES  # (m,) which time each of them is of, ascending
 
     def priors(self, state: int) -> Priors | None:
         """Return the priors of moving occluders at the time with index `state`; None if unknown."""

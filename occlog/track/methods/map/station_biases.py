@@ -40,7 +40,7 @@ class StationBiases(NamedTuple):
     `settled` whether the last two steps were small.
     """
 
-    station: Ints  # (S,) numbers, rising
+    station: Ints  # (S,) numbers, ascending
     bias: Floats  # (S,) by how much ranges are too long
     covariance: Floats  # (S, S)
     step: Floats  # (S,) last change, of which ranges are taken to be uncertain

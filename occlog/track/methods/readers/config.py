@@ -20,7 +20,7 @@ class RefineConfig(Settings):
 
     refine: tuple[str, ...] | None = option_setting(
         None,
-        "Cameras that refine tag positions.",
+        "Cameras with detections that are combined with the tag positions, which makes them more accurate.",
         metavar="CAM,CAM",
         nothing="none",
     )

@@ -63,8 +63,8 @@ class SortConfig(Settings):
     )
     detection_probability: float = setting(
         0.92,
-        "Prior probability of detection of a person in plain view; it is learned, by visible share. Larger values end "
-        "tracks earlier.",
+        "Prior probability of detection of a person in plain view; it is estimated online, for each visible share of "
+        "the person. Larger values end tracks earlier.",
         above=0,
         below=1,
     )

@@ -1,1 +1,1 @@
-"""Where trackers in images begin: first ellipses, boxes, moving regions."""
+"""Where trackers in images begin: initial ellipses, boxes, moving regions."""

@@ -145,7 +145,12 @@ class IdmotConfig(MipfConfig):
         **ABOVE_0,
     )
     iterations: int = setting(4, "Iterations K of the interaction.", at_least=0, at_most=1000)
-    inertia: float = setting(5.0, "Weight of the motion similarity while trackers interact; 0: off.", at_least=0)
+    inertia: float = setting(
+        5.0,
+        "Weight of the motion similarity of a particle, to the target's motion before, while trackers interact. Larger "
+        "values keep trackers apart when targets cross; 0: off.",
+        at_least=0,
+    )
     inertia_angle: float = setting(0.6, "Angular tolerance of the motion similarity.", unit="rad", **ABOVE_0)
     inertia_speed: float = setting(2.0, "Speed tolerance of the motion similarity per frame.", unit="px", **ABOVE_0)
     memory: int = setting(8, "Number of displacements averaged for the reference motion.", **TURNS)
@@ -263,7 +268,7 @@ class McmcConfig(MipfConfig):
     thin: int = setting(1, "Moves per kept sample.", **TURNS)
     overlap_penalty: float = setting(
         2.0,
-        "Penalty of overlapping targets: the density of two coinciding targets is multiplied by exp(-overlap).",
+        "Penalty of overlapping targets: the density of two coinciding targets is multiplied by exp(-penalty).",
         at_least=0,
         at_most=1000,
     )

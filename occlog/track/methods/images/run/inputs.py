@@ -1,4 +1,4 @@
-"""Inputs of tracking in images: frames, first ellipses, detections, epipolar geometry.
+"""Inputs of tracking in images: frames, initial ellipses, detections, epipolar geometry.
 
 Provenance of tracks made from video: where their trackers came from, and from which recording.
 """
@@ -48,7 +48,7 @@ class ViewsInput:
     """Inputs of a run that tracks in images: recording, scene, views, epipolar geometry, and where trackers start.
 
     `surveyed` has image size and frame period of each view, `window_ns` the default time window of a step, `given` the
-    number of first ellipses, counted by `starts`.
+    number of initial ellipses, counted by `starts`.
     """
 
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
@@ -59,7 +59,7 @@ class ViewsInput:
             stage: settings of image conversion, births and ends.
         """
         self.request, self.stage = request, stage
-        self.given = 0  # first ellipses
+        self.given = 0  # initial ellipses
         self.opened, self.recording = open_video(request)
         self._initial: Opened | None = None
         self._detections: Opened | None = None
@@ -76,7 +76,7 @@ class ViewsInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Return the losses recorded when the recording, first ellipses, detections and matrices were made."""
+        """Return the losses recorded when the recording, initial ellipses, detections and matrices were made."""
         found = input_losses([self.opened, self._initial, self._detections])
         return tuple(dict.fromkeys((*found, *model_losses([self.request.fundamental]))))
 
@@ -121,7 +121,7 @@ class ViewsInput:
             )
 
     def starts(self) -> tuple[tuple[TrackerStart, ...], int]:
-        """Return the trackers to start from the file of first ellipses, sorted by frame, and the first free identity.
+        """Return the trackers to start from the file of initial ellipses, sorted by frame, and the first free identity.
 
         Without such a file, no trackers and 0. InputError if a frame named there does not exist.
         """
@@ -164,7 +164,7 @@ class ViewsInput:
         return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:
-        """Return the stream of detected regions that start and end trackers; None if there are first ellipses only.
+        """Return the stream of detected regions that start and end trackers; None if there are initial ellipses only.
 
         Regions come from the file of detections, else from boxes in the recording, else from moving foreground.
         """

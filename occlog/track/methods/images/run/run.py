@@ -35,7 +35,7 @@ from .inputs import ViewsInput
 from .stage import Checks, TrackingSetup, ViewsPart, track_views
 
 NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets per frame", "effective sample size"
-FIRST, SHARED, ENDS = "first ellipses", "view collaboration", "end of each view"
+FIRST, SHARED, ENDS = "initial ellipses", "view collaboration", "end of each view"
 GEOMETRY, PLACES = "fundamental matrices", "ground positions"
 """Names of checks."""
 MAX_TARGETS_PER_FRAME = 30.0
@@ -174,7 +174,7 @@ class ViewsSummary:
     def _uses_regions(self) -> bool:
         """Return whether trackers start from a file of detections or from moving foreground.
 
-        False where they start from first ellipses alone, or from boxes of a detector in the recording.
+        False where they start from initial ellipses alone, or from boxes of a detector in the recording.
         """
         request, boxes = self.inputs.request, self.inputs.recording.has(Boxes)
         return request.births != "initial" and (request.detections is not None or not boxes)
@@ -198,7 +198,7 @@ class ViewsSummary:
                 )
 
     def _first(self) -> Iterator[Check]:
-        """Generate findings about first ellipses that started no tracker, and views without one."""
+        """Generate findings about initial ellipses that started no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
             yield finding(FIRST, "initial-ellipses-unused", count=late, given=self.inputs.given)
         bare = [name for name in self.inputs.names if name not in self.begun]

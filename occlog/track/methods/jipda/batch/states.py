@@ -44,7 +44,7 @@ class States(NamedTuple):
 
     @property
     def inside(self) -> Bools:
-        """(K,) mask of rows between the first and the last node of their track, or at one of them."""
+        """(K,) mask of rows from the first to the last node (tracklet) of their track, inclusive."""
         return np.asarray((self.node != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 

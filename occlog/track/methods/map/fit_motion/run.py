@@ -158,7 +158,7 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
 
 
 def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
-    """Return the path of each object in each input file, their length unit, and the losses recorded in the files.
+    """Return the path of each object in each input file, their length unit, and the lost data that the files list.
 
     `request` names the files and the objects to use, `config` states the measurement noise.
 

@@ -200,12 +200,12 @@ BRIDGED = 2.0
 
 
 class MeasuredPath(NamedTuple):
-    """Measured positions of one object: times `t_ns` (N,), rising, and `xy` (N, 2).
+    """Measured positions of one object: times `t_ns` (N,), ascending, and `xy` (N, 2).
 
     `cov` (N, 2, 2) are the covariances of the positions' errors; None: unknown.
     """
 
-    t_ns: Ints  # (N,) rising
+    t_ns: Ints  # (N,) ascending
     xy: Floats  # (N, 2)
     cov: Floats | None = None  # (N, 2, 2) of the error of xy
 

@@ -35,7 +35,7 @@ class ModeChain(NamedTuple):
     """
 
     first: Ints  # (W + 1,) first mode of each time
-    seconds: Floats  # (W,) rising
+    seconds: Floats  # (W,) ascending
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
     cost: Floats  # (N,) - log of the probability of each mode, up to a constant of its time

@@ -65,7 +65,7 @@ class WindowMeasurements(NamedTuple):
 
     lines: Floats  # (N, 6) position, direction, a and b of `BearingHalfLines`
     distances: RangeMeasurements  # m, in the coordinates of the search
-    window: tuple[Ints, Ints]  # (N,) and (m,), rising
+    window: tuple[Ints, Ints]  # (N,) and (m,), ascending
     seconds: tuple[Floats, Floats]  # (N,) and (m,) after the time of the window's state [s]
     state: Ints  # (W,) state in the middle of each window
     noise: float  # variance that the velocity gathers in a second, on average over the steps, per axis
