@@ -409,7 +409,7 @@ class Verbs:
 
 @dataclass(frozen=True)
 class VerbKind:
-    """One kind of request of a command with several.
+    """Kind of a request, for a command that has several kinds.
 
     Attributes:
         summary: summary in one line.

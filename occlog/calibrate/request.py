@@ -69,14 +69,14 @@ class CalibrateRequest(Request):
         shown="",
     )
     points: Path | None = source(
-        "CSV table of points of the floor that were marked in images: camera, u, v [px], world position x, y and "
-        "perhaps z [scene unit]. Four or more of a camera give its initial pose, and its focal length where that is "
+        "CSV table of known points that were marked in images: camera, u, v [px], world position x, y and, above the "
+        "floor, z [scene unit]. Four or more of a camera give its initial pose, and its focal length where that is "
         "not known.",
         metavar="FILE",
     )
     doa: Path | None = source(
-        "Directions of arrival of the microphone arrays, which are placed by people who speak: a table, or a recording "
-        "that holds them. Those of RECORDING are used unless others are named."
+        "Directions of arrival at microphone arrays, which are calibrated by people who speak: a table, or a recording "
+        "that holds them. [default: those of RECORDING]"
     )
     picture: Path | None = sink(
         "Picture (PNG): the floor grid drawn on an image of each camera, with the residuals of its boxes.",

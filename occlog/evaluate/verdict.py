@@ -441,7 +441,7 @@ class _Alone:
 
 
 def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> Iterator[Diagnostics]:
-    """Generate the diagnostics of the rows of tracks, in chunks as those of the tracks and with their times.
+    """Generate the diagnostics of the rows of tracks, in chunks with the lengths and times of those of tracks.
 
     Raises:
         InputError: there are fewer rows of diagnostics than of tracks.

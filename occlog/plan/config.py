@@ -52,7 +52,8 @@ class PlanConfig(Settings):
     process_noise_position: float = like(
         WorldConfig,
         "process_noise_position",
-        "Process noise of the true motion: position per axis, accumulated over 1 s.",
+        "Process noise of the target: standard deviation of its position per axis after 1 s. With larger values errors "
+        "grow faster between detections.",
     )
     redirect_probability: float = like(
         WorldConfig,

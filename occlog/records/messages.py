@@ -485,8 +485,8 @@ VERDICT: dict[str, Message] = {
     ),
     "views-disagree": Message(
         W,
-        "camera {sensors}: at most {share:.0%} of the people whom others place in its image have a box there (allowed: "
-        "{allowed:.0%})",
+        "camera {sensors} detects at most {share:.0%} of people that others see in its view (needed: {allowed:.0%}): a "
+        "wrong pose",
         "give rough poses, or record one person at a time",
     ),
     "levels-not-stated": Message(
@@ -602,8 +602,8 @@ VERDICT: dict[str, Message] = {
     ),
     "identity-switches-likely": Message(
         W,
-        "about {switches:.1f} possible identity switches at close encounters ({per_person:.2f} per person, a warning "
-        "from {allowed:g})",
+        "about {switches:.1f} possible identity switches at close encounters ({per_person:.2f} per person; warning "
+        "limit: {allowed:g})",
         "see them in {option[events]}",
     ),
     # Tracks in images
@@ -773,7 +773,8 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-frame-id-exchanged": Message(
         W,
-        "camera {sensors}: {share:.0%} of boxes with identities n and n + 1 of a frame overlap, as those of one person",
+        "camera {sensors}: {share:.0%} of boxes with identities n and n + 1 of a frame overlap, as in "
+        "frames of one person",
         "exchange the columns of frames and identities",
     ),
     "boxes-in-parts": Message(
@@ -815,8 +816,8 @@ VERDICT: dict[str, Message] = {
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
     "topic-frames": Message(
         W,
-        "topic {topic}: messages of several frames ({frames}) are taken for those of one sensor",
-        "publish each sensor on its own topic; a new name alone is no fault",
+        "topic {topic}: messages with several frame_ids ({frames}) are taken for those of one sensor",
+        "publish each sensor on its own topic, unless the frame was only renamed",
     ),
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
     "stamps-late": Message(
@@ -858,8 +859,8 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-rate-differs": Message(
         W,
-        "{sensors}: its times pass at {factor} of the rate of {other}, which is no drift",
-        "its ticks have another unit, or its frames another rate: convert its times",
+        "{sensors}: its times advance at {factor} of the rate of {other}, too different for a clock drift",
+        "check the unit of its times, and its frame rate",
     ),
     "rate-implausible": Message(
         W,

@@ -205,7 +205,7 @@ def test_clocks_of_frames_of_the_same_numbers_are_compared() -> None:
     ((id, sensors, ppm),) = faults(**sound, c=stamped(EVEN / 8.0))
     assert (id, sensors, ppm) == ("clock-rate-differs", ("c",), pytest.approx(-875_000.0))
     (check,) = clock_faults({**sound, "c": stamped(EVEN / 8.0)})
-    assert "pass at 1/8 of the rate of those of a, b" in check.text
+    assert "advance at 1/8 of the rate of those of a, b" in check.text
     ((id, sensors, offset_s),) = faults(**sound, c=stamped(EVEN + 37.0))
     assert (id, sensors, offset_s) == ("clock-offset", ("c",), pytest.approx(37.0, rel=0.02))
     assert [id for id, *_ in faults(a=stamped(EVEN), c=stamped(1.01 * EVEN))] == ["clock-drift"]

@@ -137,7 +137,7 @@ class Linearisation(NamedTuple):
 
 
 def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Linearisation:
-    """Return the measurements of R rows linearised at the position `at` (2,), with the errors and poses of `world`."""
+    """Linearise R measurements at the position `at` (2,), with the sensor poses and systematic errors of `world`."""
     expected, ahead = measured(at[None], rows, world)
     return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
 

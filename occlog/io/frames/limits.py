@@ -28,7 +28,7 @@ WRITTEN = 16 * 2**20
 
 
 def lower_limits(memory: int | None = MEMORY) -> None:
-    """Set the resource limits of this process that do not depend on the file: memory, core dumps, files.
+    """Set the limits of this process that are equal for all inputs: memory, core dumps, size and number of files.
 
     Args:
         memory: address space [bytes]; None: not limited.

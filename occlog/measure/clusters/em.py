@@ -361,7 +361,8 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
     """Split each cluster in two if the halves have a higher penalised objective; return (K to 2 K, 6) rows.
 
-    The cut is a straight line along the axis of a person, at the best position. An unsplit cluster keeps its row.
+    The cut is a straight line, parallel to the axis of a person who stands there, at the best position. The rows of
+    clusters that are not split are unchanged.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].

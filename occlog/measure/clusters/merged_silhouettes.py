@@ -299,8 +299,8 @@ def split_silhouettes(
 ) -> Crowds:
     """Replace clusters by people in silhouettes that are larger than one person.
 
-    Only after several people have been detected apart in `APART_FRAMES` frames, and only where at least two people
-    and no fewer than the clusters are found.
+    This needs `APART_FRAMES` earlier frames with several separate people. A silhouette gets people only if at least two
+    are found in it, and not fewer than it has clusters.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].

@@ -344,7 +344,7 @@ class ReplaySteps:
         return rows[order], step[order]
 
     def priors(self) -> tuple[dict[str, Packed], int]:
-        """Return the occluder priors at each time step as polygons, encoded, and the interval of these steps."""
+        """Return the occluder priors as encoded columns of polygons, and the number of steps from one to the next."""
         hulls = _as_hulls(self.data.occluders)
         if hulls is None or not len(self.kept):
             return {}, 1

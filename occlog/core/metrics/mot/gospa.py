@@ -190,7 +190,7 @@ class Ospa2Sums:
         Args:
             targets: number of all targets.
             tracks: number of all tracks.
-            cutoff: distance of a target and a track that are not matched, > 0.
+            cutoff: maximum distance of a match, > 0; also the cost of an unmatched pair of a target and a track.
             p: order of the metric, >= 1.
 
         Raises:
@@ -264,7 +264,7 @@ class Ospa2Windows:
         Args:
             targets: number of all targets.
             tracks: number of all tracks.
-            cutoff: distance of a target and a track that are not matched, > 0.
+            cutoff: maximum distance of a match, > 0; also the cost of an unmatched pair of a target and a track.
             p: order of the metric, >= 1.
             window: number of frames in a window.
 

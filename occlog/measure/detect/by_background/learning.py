@@ -208,7 +208,7 @@ def sample_limit(image_bytes: int, n_cameras: int) -> int:
 
 
 def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
-    """Learn the empty scene of a camera and, if its pose does not determine them, the sizes of people in its images.
+    """Learn the empty scene of a camera, and the sizes of people in its images where no pose gives them.
 
     Args:
         samples: downscaled images of the camera.

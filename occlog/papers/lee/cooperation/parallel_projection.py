@@ -52,7 +52,7 @@ def projection_trial(spec: Spec) -> dict[str, float]:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Table of median errors of positions [m] by the references' spread, and of RMSE of tracks by printed triggers."""
+    """Table of median position errors [m] by the error of initial positions, and of RMSE by the printed triggers."""
     runs = range(size.runs)
     position_rows = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [

@@ -64,7 +64,7 @@ class NavigateConfig(FieldSettings):
     )
     collision_guard: bool = setting(
         False,
-        "Turn or leave out a step that would collide if people keep their velocity; the thesis has no such guard.",
+        "Turn, or wait, instead of a step that would collide with people who keep their velocity; not in [Lee].",
         people=True,
         option="--collision-guard/--no-collision-guard",
     )

@@ -239,7 +239,10 @@ class ApfConfig(SmoothingConfig):
 
     # When to give up
     max_gap_s: float = setting(
-        60.0, "Reinitialise after a longer time without a scan. Smaller values give up sooner.", unit="s", above=0
+        60.0,
+        "Reinitialise after more than this time without measurements. Smaller values give up sooner.",
+        unit="s",
+        above=0,
     )
     track_loss_count: int = setting(
         6,

@@ -111,7 +111,7 @@ class SpaceConfig(SmoothingConfig):
     )
 
     # When to give up
-    max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
+    max_gap_s: float = setting(60.0, "Reinitialise after more than this time without measurements.", unit="s", above=0)
     gate: float = setting(5.0, "Gate in standard deviations for a report to agree with a position.", above=0)
     track_loss_count: int = setting(
         6,

@@ -49,7 +49,7 @@ class WalkConfig(Settings):
         "outliers and lose manoeuvring targets.",
         above=0,
     )
-    max_gap_s: float = setting(60.0, "Reinitialise after a longer time without a scan.", unit="s", above=0)
+    max_gap_s: float = setting(60.0, "Reinitialise after more than this time without measurements.", unit="s", above=0)
     track_loss_count: int = setting(
         6, "Reinitialise when bearings outside the gate outnumber those inside by this count; 0: never.", at_least=0
     )

@@ -26,14 +26,18 @@ class RefineConfig(Settings):
     )
     refine_method: str = option_setting(
         "rays",
-        "Refinement: triangulation with the tag position as prior (rays); as published by planes through the "
-        "position (printed-1, [Lee] Eq. 5.39), or with its depth corrected (parallel, Eq. 5.40).",
+        "Refinement of a tag position: triangulation with the position as prior (rays), projection onto planes through "
+        "the position (printed-1, [Lee] Eq. 5.39), or that with corrected depth (parallel, Eq. 5.40).",
         choices=("rays", "parallel", "printed-1"),
     )
     max_frame_age_s: float = setting(0.5, "Maximum time between frame and read.", unit="s", at_least=0, at_most=1e6)
     gate: float = setting(3.0, "Gate in standard deviations for assigning an unlabelled candidate to a tag.", above=0)
     tag_speed: float = setting(
-        1.0, "Speed of tags; widens the lines of sight of other times.", unit="length/s", people=1.0, at_least=0
+        1.0,
+        "Speed of tags: lines of sight count less the further their time is from that of a read.",
+        unit="length/s",
+        people=1.0,
+        at_least=0,
     )
 
 
