@@ -23,7 +23,7 @@ from occlog.console.text import counted
 from occlog.errors import InputError, OcclogError, UsageError, abridged, option
 from occlog.io.files.timing.frame_times import FrameTimes, to_world_time
 from occlog.io.files.timing.utc import utc
-from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
+from occlog.io.formats.calibration.common import CalibrationOptions, CameraParameters, build_camera
 from occlog.io.formats.calibration.readers.ros import region_of, region_text
 from occlog.io.frames.camera_source import CameraSource, video_source
 from occlog.io.frames.decoders.process import Delivered
@@ -238,7 +238,7 @@ def _camera(
         where: source of the calibration, for messages.
         options: what the user gives for calibrations; notes and findings are added to it.
     """
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=model.focal_px,
         principal_px=model.principal_px,

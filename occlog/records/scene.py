@@ -151,6 +151,17 @@ class Camera:
         return cam.angles_from_rotation(self.rotation)[0]
 
     @property
+    def intrinsic_matrix(self) -> Floats:
+        """Intrinsics K (3, 3): focal lengths and principal point [px], without the lens distortion."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def extrinsics(self) -> tuple[Floats, Floats]:
+        """Extrinsics R (3, 3) and t (3,) [scene unit]: a point x of the world is at R x + t in the camera frame."""
+        return self.rotation.T, -self.rotation.T @ self.position
+
+    @property
     def straight(self) -> bool:
         """Whether the lens has no distortion."""
         return is_straight(self.distortion, self.distortion_model)

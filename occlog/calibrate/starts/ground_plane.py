@@ -37,7 +37,7 @@ MIN_SLOPE = 1e-3
 
 
 class GroundPlane(NamedTuple):
-    """Inclination and height of a camera relative to the ground.
+    """Ground plane (z = 0) in the frame of a camera, by the camera's inclination and height above it.
 
     Attributes:
         pitch: pitch of the camera [rad], negative downwards.

@@ -88,8 +88,7 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
     Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are left out, so that their
     projections are inaccurate towards the image edges.
     """
-    fx, fy = camera.focal_px.tolist()
-    cx, cy = camera.principal_px.tolist()
+    intrinsics = camera.intrinsic_matrix
     model, count = MODELS.get(camera.distortion_model, ("", 0))
     if camera.distortion[8:].any():
         model, count = "", 0
@@ -99,9 +98,9 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
         height=size[1],
         distortion_model=model,
         D=camera.distortion[:count].tolist(),
-        K=[fx, 0, cx, 0, fy, cy, 0, 0, 1],
+        K=intrinsics.ravel().tolist(),
         R=[1, 0, 0, 0, 1, 0, 0, 0, 1],
-        P=[fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0],
+        P=np.column_stack([intrinsics, np.zeros(3)]).ravel().tolist(),
     )
     message.timestamp.FromNanoseconds(t_ns)
     data: bytes = message.SerializeToString(deterministic=True)

@@ -70,7 +70,7 @@ class CalibrationOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class CameraParameters:
     """Intrinsic and extrinsic parameters of one camera as a file states them, not checked.
 
     Attributes:
@@ -92,6 +92,11 @@ class Pose:
     image_size: tuple[int, int] | None
     lens: Lens = Lens()
     binned_aspect: float = 1.0
+
+
+def centre_of_extrinsics(rotation: Floats, translation: Floats) -> Floats:
+    """Return the camera centre (3,) in the world for extrinsics R (3, 3) and t (3,), with x_camera = R x_world + t."""
+    return -rotation.T @ translation
 
 
 def keys_of(*texts: str) -> frozenset[str]:
@@ -182,7 +187,7 @@ def scale_of(options: CalibrationOptions, own: str) -> float:
     return UNITS[options.unit or own]
 
 
-def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
+def build_camera(pose: CameraParameters, where: str, options: CalibrationOptions) -> Camera:
     """Check parameters of a camera, and create the camera of the scene.
 
     Notes on its lens, and findings about implausible values, are added to `options`.

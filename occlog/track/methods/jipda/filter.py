@@ -63,7 +63,7 @@ from .interface import (
     X,
     Y,
 )
-from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
+from .kernels.body_box import MODEL, POSITION_SOURCE, PackedCameras, cover_positions, pack_views
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
 from .kernels.lasting_errors.bias_effects import bias_effects
@@ -545,7 +545,7 @@ def _covered(state: JipdaState, frames: Sequence[FrameDetections]) -> PackedCame
     """
     views = state.views
     for frame in frames:
-        if views.lens[frame.camera, MODEL] == GROUND_PLANE:
+        if views.lens[frame.camera, MODEL] == POSITION_SOURCE:
             views = cover_positions(views, frame.camera, frame.boxes[:, :2], state.metre)
     return views
 
@@ -649,7 +649,7 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
     border = np.column_stack([np.zeros_like(w), np.zeros_like(h), w - 1.0, h - 1.0])
     usable, covariance, tail = np.abs(box - border) > BORDER_PX, np.full((0, 3), np.nan), np.zeros(0)
     if state.positions.banks:
-        above = state.views.lens[each, MODEL] == GROUND_PLANE
+        above = state.views.lens[each, MODEL] == POSITION_SOURCE
         usable[above] = [True, True, False, False]
         covariance = np.concatenate([_covariances(state, frame) for frame in frames])
         tail = np.repeat([manoeuvre_variance(state.positions, frame.camera, state.metre) for frame in frames], count)

@@ -17,8 +17,8 @@ from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedD
 from occlog.track.methods.jipda.kernels.track_initiation import (
     BirthIntensity,
     arrivals_at,
-    ground_plane_point,
     initiate_targets,
+    point_at_height,
     predicted_targets,
     propose_track,
     state_from_box,
@@ -125,7 +125,7 @@ def of_first_box(made: PackedDetections, views: PackedCameras = VIEWS, body: Flo
 
 def test_a_box_proposes_a_person_up_to_the_range_of_its_camera() -> None:
     made, foot = boxes(PLACES[:1]), np.empty(2)
-    assert ground_plane_point(VIEWS, 0, 0.5 * (made.box[0, 0] + made.box[0, 2]), made.box[0, 3], 0.0, foot)
+    assert point_at_height(VIEWS, 0, 0.5 * (made.box[0, 0] + made.box[0, 2]), made.box[0, 3], 0.0, foot)
     distance = math.hypot(*(foot - VIEWS.position[0, :2]))
     for reach, some in ((distance, True), (np.nextafter(distance, 0.0), False)):
         views = VIEWS._replace(range=np.array([reach, 1.0, 1.0, 1.0]))
@@ -160,7 +160,7 @@ def test_the_line_of_sight_of_a_pixel_meets_a_plane_in_the_point_that_projects_t
     for x, y, z in rng.uniform([2.0, 2.0, 0.0], [8.0, 6.0, 1.0], (5, 3)):
         q = camera.rotation.T @ (np.array([x, y, z]) - camera.position)
         u, v = views.focal[2] * q[:2] / q[2] + views.principal[2]
-        assert ground_plane_point(views, 2, u, v, z, found)
+        assert point_at_height(views, 2, u, v, z, found)
         np.testing.assert_allclose(found, [x, y])
 
 
@@ -168,22 +168,22 @@ def test_a_line_of_sight_along_the_plane_meets_it_nowhere() -> None:
     level, place = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.full(2, np.nan)
     views = VIEWS._replace(rotation=np.tile(level, (4, 1, 1)))
     horizon = views.principal[0, 1]
-    assert not ground_plane_point(views, 0, 0.0, horizon, 0.0, place)
-    assert not ground_plane_point(views, 0, 0.0, horizon - 1.0, 0.0, place)
+    assert not point_at_height(views, 0, 0.0, horizon, 0.0, place)
+    assert not point_at_height(views, 0, 0.0, horizon - 1.0, 0.0, place)
     # Up to a slope of 1e-9 of the line of sight
     focal = views.focal[0, 1]
-    assert not ground_plane_point(views, 0, 0.0, horizon + 0.9e-9 * focal, 0.0, place)
+    assert not point_at_height(views, 0, 0.0, horizon + 0.9e-9 * focal, 0.0, place)
     # From a camera in the plane no point of it is before the camera
-    assert not ground_plane_point(views, 0, 0.0, horizon + 1.0, views.position[0, 2], place)
+    assert not point_at_height(views, 0, 0.0, horizon + 1.0, views.position[0, 2], place)
     assert np.isnan(place).all()
-    assert ground_plane_point(views, 0, 0.0, horizon + 1.0, 0.0, place)
-    assert ground_plane_point(views, 0, 0.0, horizon + 1.4e-9 * focal, 0.0, place)
+    assert point_at_height(views, 0, 0.0, horizon + 1.0, 0.0, place)
+    assert point_at_height(views, 0, 0.0, horizon + 1.4e-9 * focal, 0.0, place)
 
 
 def test_a_pixel_above_the_horizon_shows_no_floor() -> None:
     place = np.empty(2)
-    assert ground_plane_point(VIEWS, 0, 640.0, 700.0, 0.0, place)
-    assert not ground_plane_point(VIEWS, 0, 640.0, -900.0, 0.0, place)
+    assert point_at_height(VIEWS, 0, 640.0, 700.0, 0.0, place)
+    assert not point_at_height(VIEWS, 0, 640.0, -900.0, 0.0, place)
 
 
 @pytest.mark.parametrize(

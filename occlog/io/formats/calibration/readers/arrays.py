@@ -35,7 +35,7 @@ from occlog.io.files.limits import FAILURES, check_input
 from occlog.io.files.texts.formats import Probe
 from occlog.records.scene import Camera
 
-from ..common import MAX_BYTES, CalibrationOptions, keys_of
+from ..common import MAX_BYTES, CalibrationOptions, centre_of_extrinsics, keys_of
 from ..lenses import Lens
 from .opencv_toml import checked_rotation
 from .projection import STRAIGHT, camera_of_parts, take_apart
@@ -370,7 +370,7 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
     else:
         k = part["K"]
         rotation = checked_rotation(part["R"].reshape(3), where) if part["R"].size == 3 else part["R"].reshape(3, 3)
-        centre = -rotation.T @ part["t"].reshape(3)
+        centre = centre_of_extrinsics(rotation, part["t"].reshape(3))
     size = (int(part["size"][0]), int(part["size"][1])) if "size" in part else None
     lens = Lens(_model(part), part["dist"]) if "dist" in part else STRAIGHT
     return camera_of_parts(k, rotation, centre, size, options, name=name, where=where, lens=lens)

@@ -18,7 +18,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from ..common import CalibrationOptions, CameraParameters, build_camera, centre_of_extrinsics, read_text, scale_of
 from ..lenses import Lens, stated_coefficients
 from .ros import quaternion_rotation, rotation_quaternion
 
@@ -116,12 +116,12 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         name = PurePosixPath(cells[9].replace("\\", "/"))
         size, focal, principal, lens = lenses[cells[8]]
         rotation = quaternion_rotation(*values[:4])
-        pose = Pose(
+        pose = CameraParameters(
             name=name.parent.name or name.stem,
             focal_px=focal,
             principal_px=principal,
             rotation=rotation,
-            centre=-rotation.T @ values[4:] * scale_of(options, "m"),
+            centre=centre_of_extrinsics(rotation, values[4:]) * scale_of(options, "m"),
             image_size=size,
             lens=lens,
         )

@@ -28,7 +28,7 @@ CLEARER = 3.0
 
 
 class GroundPose(NamedTuple):
-    """Pose and focal length of a camera from a homography of the ground.
+    """CameraParameters and focal length of a camera from a homography of the ground.
 
     Attributes:
         focal: focal length [px].
@@ -91,7 +91,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[GroundPose, bool]:
-    """Pose of a camera from a homography of either direction, and whether it maps the ground to the image.
+    """CameraParameters of a camera from a homography of either direction, and whether it maps the ground to the image.
 
     Args:
         matrix: (3, 3), up to scale.

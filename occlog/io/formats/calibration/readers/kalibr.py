@@ -23,7 +23,7 @@ from occlog.records.verdicts import finding
 from ..common import (
     CALIBRATION,
     CalibrationOptions,
-    Pose,
+    CameraParameters,
     build_camera,
     keys_of,
     numbers,
@@ -155,7 +155,7 @@ def _camera(
             f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model",
             id="invalid-calibration",
         )
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=intrinsics[:2],
         principal_px=intrinsics[2:],
@@ -178,7 +178,7 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
     for n, camera in enumerate(cameras):
         where = f"kalibr: camera {camera.name}"
         turn = np.eye(4)
-        turn[:3, :3], turn[:3, 3] = camera.rotation.T, -camera.rotation.T @ camera.position
+        turn[:3, :3], turn[:3, 3] = camera.extrinsics
         lens = stated_coefficients(camera.distortion_model, camera.distortion, (4,), where)
         names.append(f"# cam{n}: {camera.name}\n")
         chain[f"cam{n}"] = {

@@ -19,7 +19,7 @@ from occlog.errors import InputError
 from occlog.io.files.texts.documents import parse_json, parse_xml
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, keys_of, read_text, yaml_values
+from ..common import CalibrationOptions, centre_of_extrinsics, keys_of, read_text, yaml_values
 from ..lenses import Lens, stated_coefficients
 from .opencv_toml import checked_rotation
 from .projection import camera_of_parts
@@ -70,7 +70,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     rotation, translation = extrinsics_of(values, where)
     size = size_of(values)
     options.check_keys(path.stem, unused_keys(values, (MATRIX, DISTORTION, ROTATION, TRANSLATION)), WITHOUT_EFFECT)
-    lens, centre = lens_of(values, where), -rotation.T @ translation
+    lens, centre = lens_of(values, where), centre_of_extrinsics(rotation, translation)
     return camera_of_parts(matrix, rotation, centre, size, options, name=path.stem, where=where, lens=lens)
 
 
@@ -258,17 +258,16 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
 
 def _text(camera: Camera) -> str:
     fisheye = camera.distortion_model == "equidistant"
-    focal, principal = camera.focal_px, camera.principal_px
     lens = stated_coefficients(
         camera.distortion_model, camera.distortion, (5, 8, 12, 14), f"opencv-storage: camera {camera.name}"
     )
     matrices = {
-        "camera_matrix": np.array([[focal[0], 0.0, principal[0]], [0.0, focal[1], principal[1]], [0.0, 0.0, 1.0]]),
+        "camera_matrix": camera.intrinsic_matrix,
         "distortion_coefficients": lens[:, None],
     }
     if camera.placed:
-        turn = camera.rotation.T
-        matrices |= {"R": turn, "T": -turn @ camera.position[:, None]}
+        rotation, translation = camera.extrinsics
+        matrices |= {"R": rotation, "T": translation[:, None]}
     lines = [
         "%YAML:1.0",
         "---",

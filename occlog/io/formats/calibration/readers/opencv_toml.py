@@ -19,7 +19,17 @@ from occlog.io.files.texts.documents import toml_values
 from occlog.records.scene import Camera
 from occlog.records.verdicts import finding
 
-from ..common import CALIBRATION, WHAT, CalibrationOptions, Pose, build_camera, keys_of, read_text, scale_of
+from ..common import (
+    CALIBRATION,
+    WHAT,
+    CalibrationOptions,
+    CameraParameters,
+    build_camera,
+    centre_of_extrinsics,
+    keys_of,
+    read_text,
+    scale_of,
+)
 from ..lenses import Lens
 
 KEYS = keys_of(
@@ -110,12 +120,12 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         options.notes.append(
             f"camera {name}: k1, k2, p1, p2 are assumed, as fisheye is not stated ({option('lens_model')})"
         )
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=[matrix[0, 0], matrix[1, 1]],
         principal_px=[matrix[0, 2], matrix[1, 2]],
         rotation=rotation,
-        centre=-rotation.T @ translation * scale_of(options, "m"),
+        centre=centre_of_extrinsics(rotation, translation) * scale_of(options, "m"),
         image_size=_size(table, where),
         lens=Lens(model, given),
     )

@@ -15,7 +15,7 @@ from occlog.errors import InputError
 from occlog.io.files.names import is_hidden
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, check_camera_matrix, read_text
+from ..common import CalibrationOptions, centre_of_extrinsics, check_camera_matrix, read_text
 from .opencv_storage import (
     DISTORTION,
     MATRIX,
@@ -122,5 +122,5 @@ def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: Calibra
     for held, used in zip((values, of_place), parts, strict=True):
         options.check_keys(name, unused_keys(held, used), WITHOUT_EFFECT)
     called, unit = (WILDTRACK[name], "cm") if wildtrack else (name, "m")
-    model, centre = lens_of(values, f"{lens}: camera {name}"), -rotation.T @ translation
+    model, centre = lens_of(values, f"{lens}: camera {name}"), centre_of_extrinsics(rotation, translation)
     return camera_of_parts(matrix, rotation, centre, size, options, name=called, where=where, lens=model, unit=unit)

@@ -16,7 +16,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
+from ..common import CalibrationOptions, CameraParameters, build_camera, check_camera_matrix, read_text, scale_of
 from ..lenses import Lens
 
 STRAIGHT = Lens()
@@ -96,7 +96,7 @@ def camera_of_parts(
             upper or lower edge of the image.
     """
     check_camera_matrix(k, (image_size or options.image_size or (0, 1080))[1], where)
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=[k[0, 0], k[1, 1]],
         principal_px=[k[0, 2], k[1, 2]],

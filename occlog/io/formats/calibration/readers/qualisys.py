@@ -18,7 +18,7 @@ from occlog.errors import InputError
 from occlog.io.files.texts.documents import number, parse_xml, required
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, ImageRegion, Pose, build_camera, keys_of, read_text, scale_of
+from ..common import CalibrationOptions, CameraParameters, ImageRegion, build_camera, keys_of, read_text, scale_of
 from ..lenses import Lens
 
 PIXEL = 1.0 / 64.0
@@ -107,7 +107,7 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
             f"camera {name}: video of {region.size[0]} x {region.size[1]} px, {region.scale[1]:.4g} of the sensor's "
             f"pixels (video_resolution), from its pixel {region.offset[0]:g}, {region.offset[1]:g} (fov_video)"
         )
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=focal,
         principal_px=principal,

@@ -25,8 +25,8 @@ from occlog.records.scene import Camera
 from ..common import (
     WHAT,
     CalibrationOptions,
+    CameraParameters,
     ImageRegion,
-    Pose,
     build_camera,
     check_camera_matrix,
     keys_of,
@@ -64,7 +64,7 @@ _OPTICAL = re.compile(r"_?optical(_frame)?$")
 
 
 class Transform(NamedTuple):
-    """Pose of a frame in its parent frame: p_parent = R p + t."""
+    """CameraParameters of a frame in its parent frame: p_parent = R p + t."""
 
     parent: str
     rotation: Floats
@@ -72,7 +72,7 @@ class Transform(NamedTuple):
 
 
 class _Tree(dict[str, Transform]):
-    """Pose of each frame in its parent, by the last of its transforms.
+    """CameraParameters of each frame in its parent, by the last of its transforms.
 
     Attributes:
         given: all transforms, with the names of their frames.
@@ -287,7 +287,7 @@ def _camera(name: str, path: Path, part: Mapping[str, object], tree: _Tree, opti
     if region.size != whole:
         options.notes.append(region_text(name, region, whole))
     focal, principal = region.intrinsics(np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2])
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=focal,
         principal_px=principal,
@@ -421,17 +421,17 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
         )
         fisheye = camera.distortion_model == "equidistant"
         width, height = camera.image_size or (0, 0)
-        (fx, fy), (cx, cy) = camera.focal_px.tolist(), camera.principal_px.tolist()
+        intrinsics = camera.intrinsic_matrix
         info = {
             "image_width": width,
             "image_height": height,
             "camera_name": camera.name,
-            "camera_matrix": {"rows": 3, "cols": 3, "data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
+            "camera_matrix": {"rows": 3, "cols": 3, "data": intrinsics.ravel().tolist()},
             "distortion_model": "equidistant" if fisheye else WRITTEN[len(lens)],
             "distortion_coefficients": {"rows": 1, "cols": len(lens), "data": lens.tolist()},
             "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
             "projection_matrix": {
-                "rows": 3, "cols": 4, "data": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+                "rows": 3, "cols": 4, "data": np.column_stack([intrinsics, np.zeros(3)]).ravel().tolist(),
             },
         }  # fmt: skip
         out[f"{camera.name}.yaml"] = yaml_text(info)

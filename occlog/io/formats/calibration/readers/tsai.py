@@ -18,7 +18,7 @@ from occlog.errors import InputError
 from occlog.io.files.texts.documents import number, parse_xml, required
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from ..common import CalibrationOptions, CameraParameters, build_camera, centre_of_extrinsics, read_text, scale_of
 from ..lenses import Lens
 
 KEYS = {
@@ -59,12 +59,12 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     rotation = rotation_zyx(*(number(outer, axis, where) for axis in ("rx", "ry", "rz")))
     translation = np.array([number(outer, axis, where) for axis in ("tx", "ty", "tz")])
     size = (int(number(geometry, "width", where)), int(number(geometry, "height", where)))
-    pose = Pose(
+    pose = CameraParameters(
         name=name,
         focal_px=[number(inner, "sx", where, 1.0) * focal / dpx, focal / dpy],
         principal_px=[number(inner, "cx", where), number(inner, "cy", where)],
         rotation=rotation,
-        centre=-rotation.T @ translation * scale_of(options, "mm"),
+        centre=centre_of_extrinsics(rotation, translation) * scale_of(options, "mm"),
         image_size=size,
         lens=Lens("tsai", np.array([number(inner, "kappa1", where, 0.0) * focal**2])),
     )

@@ -36,11 +36,11 @@ MIN_DEPTH_HEIGHTS = 0.05
 """Minimum depth of a person's nearest point, in heights."""
 LENS = 38
 """Numbers of a row of `PackedCameras.lens`."""
-STRAIGHT, BENT, BENT_BACK, FISHEYE, GROUND_PLANE, COMPLETE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
+STRAIGHT, BENT, BENT_BACK, FISHEYE, POSITION_SOURCE, COMPLETE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it; by a
-polynomial of the angle to the optical axis.  The last one is none: positions on the ground, seen from above.  A "box"
-there is (x, y, x, y) in the scene's unit, of which the first two edges are used, and the row of the lens begins with
-the limits of the area that the source covers: least x, least y, greatest x, greatest y.  `COMPLETE` is OpenCV's
+polynomial of the angle to the optical axis.  `POSITION_SOURCE` is none: positions on the ground plane, from above.
+A "box" there is (x, y, x, y) in the scene's unit, of which the first two edges are used, and the row of the lens begins
+with the limits of the area that the source covers: least x, least y, greatest x, greatest y.  `COMPLETE` is OpenCV's
 complete model."""
 MODEL = 21
 """Index of the model in a row of `PackedCameras.lens`."""
@@ -89,7 +89,7 @@ def pack_views(
         raise ValueError("views: sources of positions must come after all cameras")
     lens = np.zeros((n, LENS))
     lens[:, :4] = [math.inf, math.inf, -math.inf, -math.inf]
-    lens[:, MODEL] = GROUND_PLANE
+    lens[:, MODEL] = POSITION_SOURCE
     return packed._replace(
         position=np.concatenate([packed.position, np.zeros((n, 3))]),
         rotation=np.concatenate([packed.rotation, np.tile(np.eye(3), (n, 1, 1))]),
@@ -234,7 +234,7 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
         Depth along the optical axis, > 0, and 1 for a position sensor; -1, and no box, where part of the person is
         behind the camera or closer than `MIN_DEPTH_HEIGHTS` heights, or so far away that rounding leaves no outline.
     """
-    if lens[MODEL] == GROUND_PLANE:
+    if lens[MODEL] == POSITION_SOURCE:
         box[0], box[1], box[2], box[3] = x, y, x, y
         return 1.0
     dx, dy, dz = x - lens[0], y - lens[1], 0.5 * height - lens[2]
@@ -287,7 +287,7 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
     depth = expected_box(lens, x, y, height, width, box)
     if depth < 0.0:
         return depth
-    if lens[MODEL] == GROUND_PLANE:
+    if lens[MODEL] == POSITION_SOURCE:
         slope[:] = 0.0
         for e in range(4):
             slope[e, e % 2], slope[e, 2 + e % 2] = 1.0, delay

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel, kernel_part
 
-from .body_box import BOTTOM, GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from .body_box import BOTTOM, MODEL, POSITION_SOURCE, PackedCameras, box_and_slope
 from .detections import (
     DetectorModel,
     PackedDetections,
@@ -166,7 +166,7 @@ def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorMod
         predicted.depth[i] = depth
         predicted.spread[i] = slope @ P[i] @ slope.T
         predicted.across[i] = centre_deviation(predicted.spread[i])
-        if views.lens[c, MODEL] == GROUND_PLANE:
+        if views.lens[c, MODEL] == POSITION_SOURCE:
             # The noise is that of each position
             predicted.deep[i], predicted.noise[i], predicted.update_noise[i] = 1.0, 0.0, 0.0
             box[:] = outline
@@ -601,7 +601,7 @@ def update_targets(
             predict_boxes(views, c, boxes.delay[l], rates, predicted)
             detection_probabilities(views, c, rates, predicted, visible[l], detection[l])
             detection[l] *= 1.0 - hidden[:, c]
-            above = views.lens[c, MODEL] == GROUND_PLANE
+            above = views.lens[c, MODEL] == POSITION_SOURCE
             pair = (
                 np.empty((0, 2), dtype=np.int64)
                 if above

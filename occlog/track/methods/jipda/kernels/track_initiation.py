@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from .body_box import MODEL, POSITION_SOURCE, PackedCameras, box_and_slope
 from .detections import (
     LOG_2PI,
     DetectorModel,
@@ -68,7 +68,7 @@ class BirthIntensity(NamedTuple):
 
 
 @kernel
-def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
+def point_at_height(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
     """Write the world x, y (2,) where the ray of pixel (u, v) of camera c meets the horizontal plane at height z.
 
     Return False, without writing, if that is behind the camera or the ray is parallel. Lens distortion is ignored: the
@@ -129,7 +129,7 @@ def state_from_box(
         covariance: (6, 6) written.
     """
     box, usable = boxes.box[j], boxes.usable[j]
-    if views.lens[c, MODEL] == GROUND_PLANE:
+    if views.lens[c, MODEL] == POSITION_SOURCE:
         noise = np.empty((4, 4))
         position_noise(boxes, j, 1.0, noise)
         mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = box[0], box[1], 0.0, 0.0, body[0], body[2]
@@ -143,9 +143,9 @@ def state_from_box(
     middle = 0.5 * (box[0] + box[2])
     found = False
     if usable[3]:
-        found = ground_plane_point(views, c, middle, box[3], 0.0, position)
+        found = point_at_height(views, c, middle, box[3], 0.0, position)
     elif usable[1]:
-        found = ground_plane_point(views, c, middle, box[1], body[0], position)
+        found = point_at_height(views, c, middle, box[1], body[0], position)
     if not found or not (usable[0] or usable[2]):
         return math.nan
     distance = math.hypot(position[0] - views.position[c, 0], position[1] - views.position[c, 1])

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import GROUND_PLANE, MODEL, PackedCameras
+from .body_box import MODEL, POSITION_SOURCE, PackedCameras
 
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
@@ -41,7 +41,7 @@ def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells
     Write the grid `cells` (ROWS, COLUMNS) of the box: 1 inside the image, else 0. A position sensor covers a rectangle
     of the ground, with all cells 1.
     """
-    if views.lens[c, MODEL] == GROUND_PLANE:
+    if views.lens[c, MODEL] == POSITION_SOURCE:
         cells[:] = 1.0
         low, high = views.lens[c, :2], views.lens[c, 2:4]
         return bool(low[0] <= x <= high[0] and low[1] <= y <= high[1])
@@ -77,7 +77,7 @@ def visibility(
         existence: (N,) existence probabilities of the people.
         cells: (ROWS, COLUMNS) written: probability that each cell of the person's box is visible; top row first.
     """
-    if views.lens[c, MODEL] == GROUND_PLANE:
+    if views.lens[c, MODEL] == POSITION_SOURCE:
         cells[:] = 1.0
         return 1.0
     inside_image(box[i], views.size[c, 0], views.size[c, 1], cells)
@@ -187,7 +187,7 @@ def occlude_by_static(
         width: width of the person.
         cells: probability of visibility of the person's cells, top row first; changed.
     """
-    if views.top.shape[0] == 0 or views.lens[c, MODEL] == GROUND_PLANE:
+    if views.top.shape[0] == 0 or views.lens[c, MODEL] == POSITION_SOURCE:
         return
     cx, cy, cz = views.position[c]
     away = math.hypot(x - cx, y - cy)

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from ..body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from ..body_box import MODEL, POSITION_SOURCE, PackedCameras, box_and_slope
 from ..detections import DetectorModel, axis_noise
 from ..linear import invert
 from .pose_residuals import ANGLES, POSE_ERRORS, centre_slopes
@@ -50,7 +50,7 @@ def bias_effects(
             lens = views.lens[c]
             if box_and_slope(lens, mean[i], 0.0, box, slope) < 0.0:
                 continue
-            if lens[MODEL] == GROUND_PLANE:
+            if lens[MODEL] == POSITION_SOURCE:
                 # Positions have no bias of this kind
                 if lens[0] < mean[i, 0] < lens[2] and lens[1] < mean[i, 1] < lens[3]:
                     share[i] = 0.0

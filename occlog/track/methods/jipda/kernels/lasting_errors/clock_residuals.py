@@ -7,7 +7,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from ..body_box import MODEL, POSITION_SOURCE, PackedCameras, box_and_slope
 from ..detections import PackedDetections
 
 MAX_RESIDUAL = 0.4
@@ -53,7 +53,7 @@ def clock_residuals(
             c = boxes.camera[frame[j]]
             if box_and_slope(views.lens[c], mean[i], boxes.delay[frame[j]], box, slope) < 0.0:
                 continue
-            height = mean[i, 4] if views.lens[c, MODEL] == GROUND_PLANE else box[3] - box[1]
+            height = mean[i, 4] if views.lens[c, MODEL] == POSITION_SOURCE else box[3] - box[1]
             far = False
             for axis in range(2):
                 v[axis] = (

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from ..body_box import MODEL, POSITION_SOURCE, PackedCameras, box_and_slope
 from ..detections import DetectorModel, PackedDetections, axis_noise
 
 MAX_RESIDUAL = 0.4
@@ -96,7 +96,7 @@ def centre_rows(
         heights from the expected one.
     """
     expected, slope = np.empty(4), np.zeros((4, 6))
-    if lens[MODEL] == GROUND_PLANE or box_and_slope(lens, state, delay, expected, slope) < 0.0:
+    if lens[MODEL] == POSITION_SOURCE or box_and_slope(lens, state, delay, expected, slope) < 0.0:
         return 0
     width, height = expected[2] - expected[0], expected[3] - expected[1]
     residual = 0.5 * (box[:2] + box[2:] - expected[:2] - expected[2:])
