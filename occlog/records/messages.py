@@ -344,6 +344,11 @@ VERDICT: dict[str, Message] = {
         "world axes of tracks and truth differ: " + _MEET,
         "give the truth in the world of the scene",
     ),
+    "tracks-doubled": Message(
+        W,
+        "{count:.1f} tracks are within {gate:g} {unit} of a true position: the file may hold tracks of several runs",
+        "evaluate each run by itself, or remove duplicate tracks",
+    ),
     "truth-frames-in-steps": Message(
         W,
         "the truth has one frame in {step} only: {share:.0%} of the tracks' boxes are in others and count as false",

@@ -519,6 +519,26 @@ def _best_shift(tracks: PositionSamples, truth: PositionSamples, gate: float) ->
     return shift, met[shift]
 
 
+def tracks_per_target(tracks: PositionSamples, truth: PositionSamples, gate: float) -> float:
+    """Return the median number of tracks near a true position, per true target near it; NaN without a common time.
+
+    Near are positions within `gate` on each axis and `WINDOW_STEPS` sampling intervals; the two sampling rates may
+    differ. In a crowd other targets are near, too, and so are their tracks.
+    """
+    step = max(tracks.step, truth.step)
+    rows = _common(tracks, truth, _tolerance(tracks, truth))
+    if rows is None or not (tracks.step and truth.step):
+        return math.nan
+    scale = np.array([1.0 / (WINDOW_STEPS * step), 1.0 / gate, 1.0 / gate])
+    ours, theirs = (np.column_stack([each.t, each.xy]) * scale for each in (tracks, truth))
+    chosen = theirs[_spread(rows[1])]
+    near = [
+        cKDTree(each).query_ball_point(chosen, 1.0, p=np.inf, return_length=True) * own.step
+        for each, own in ((ours, tracks), (theirs, truth))
+    ]
+    return float(np.median(near[0] / near[1]))
+
+
 def _distance(tree: cKDTree, points: Floats) -> Floats:
     """Return the maximum-norm distance (n,) of points (n, d) to the nearest one of the tree; inf if above 1."""
     return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
@@ -577,6 +597,12 @@ def _y_up(positions: PositionSamples, z: Floats) -> PositionSamples | None:
 
 MIN_MOTA = 0.2
 """MOTA below which another time, unit or frame is looked for."""
+MAX_PRECISION, MIN_TRACKS = 0.7, 1.7
+"""Precision below which tracks of several runs are looked for, and tracks per true position from which there are."""
+SAME_PERSON = 0.5
+"""Share of the gate within which two tracks are of one person; in crowds other people are within the gate."""
+WINDOW_STEPS = 2.5
+"""Half width of the window in which positions are counted, in sampling intervals."""
 
 
 class TruthAlignment:
@@ -628,6 +654,13 @@ class TruthAlignment:
 
     def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:
         mota = metrics.get("mota", math.nan)
+        if metrics.get("precision", 1.0) < MAX_PRECISION and metrics.get("recall", 0.0) > MIN_MET:
+            (tracks, _), (truth, _) = (sample_of(each) for each in self._sources())
+            gate = SAME_PERSON * self._gate
+            count = tracks_per_target(tracks, truth, gate)
+            if count >= MIN_TRACKS:
+                yield finding(ALIGNMENT, "tracks-doubled", count=count, gate=gate, unit=self._unit)
+                return
         far = mota < MIN_MOTA if math.isfinite(mota) else metrics.get(f"error_median_{self._unit}", 0.0) > self._gate
         inside, outside = metrics.get("estimates", math.inf), metrics.get("estimates_without_truth", 0.0)
         if far or inside < MIN_OVERLAP * (inside + outside):

@@ -15,10 +15,12 @@ from occlog.cli.main import run
 from occlog.errors import spelled
 from occlog.evaluate.errors.misalignment import (
     MAX_WINDOWS,
+    MIN_TRACKS,
     DelaySums,
     PositionSamples,
     TruthAlignment,
     alternative,
+    tracks_per_target,
     velocities,
 )
 from occlog.evaluate.matching.paths import ObjectPath
@@ -295,6 +297,41 @@ def test_without_positions_nothing_is_tried() -> None:
     none = PositionSamples(np.zeros(0), np.zeros((0, 2)))
     assert alternative(none, positions(), 1.0) is None
     assert alternative(positions(), none, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("runs", "every", "hall"),
+    [(2, 1, 1.0), (3, 1, 1.0), (2, 3, 1.0), (2, 1, 0.3), (1, 1, 1.0), (1, 3, 1.0), (1, 1, 0.3)],
+)
+def test_tracks_of_several_runs_in_one_file_are_counted(runs: int, every: int, hall: float) -> None:
+    """Also where tracks and truth have other rates, the truth has half of the people, or people are close together."""
+    rng = np.random.default_rng(runs + every)
+    t, true = walks(5, people=6)
+    true = true * hall
+    labelled = PositionSamples(*(np.repeat(t, 3), true[:3].swapaxes(0, 1).reshape(-1, 2)))
+    parts = [(t[::every], each[::every] + rng.normal(0.0, 0.1, each[::every].shape)) for each in true] * runs
+    times, xy = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    order = np.argsort(times, kind="stable")
+    count = tracks_per_target(PositionSamples(times[order] + 0.03, xy[order]), labelled, 0.5)
+    assert (count >= MIN_TRACKS) == (runs > 1)
+    assert hall < 1.0 or count == pytest.approx(runs, rel=0.15)
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_tracks_of_two_runs_are_named(runs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t, true = walks(2, people=3)
+    rows = [(k, i, *true[i, k]) for i in range(3) for k in range(len(t))]
+    (tmp_path / "truth.csv").write_text(_csv(rows))
+    doubled = [(k, 10 * run + i, x + 0.2 * run, y) for run in range(runs) for k, i, x, y in rows]
+    (tmp_path / "mine.csv").write_text(_csv(doubled))
+    run(["evaluate", str(tmp_path / "mine.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"])
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert [each["id"] for each in warnings if each["id"] == "tracks-doubled"] == ["tracks-doubled"] * (runs - 1)
+
+
+def _csv(rows: list[tuple[int, int, float, float]]) -> str:
+    lines = (f"{k / RATE:.1f},{i},{x:.4f},{y:.4f}" for k, i, x, y in sorted(rows))
+    return "\n".join(["t,id,x,y", *lines]) + "\n"
 
 
 def test_only_tracks_far_from_the_truth_are_compared_with_changes() -> None:
