@@ -21,6 +21,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
+from occlog.records.messages import VERDICT
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Associations, Boxes, Doa, Events, PeopleTracks, PeopleViews, Tracks, TruthBoxes
 from occlog.track.catalogue import smooths
@@ -161,7 +162,7 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     capsys.readouterr()
     output = ["-o", str(tmp_path / "smoothed.parquet"), "--smooth", "--strict"]
     assert run(["track", str(tmp_path / "v.parquet"), *scene, "--method", "jipda", *output]) == ExitCode.DONE
-    assert "note: errors of video regions persist" in capsys.readouterr().err
+    assert VERDICT["correlated-region-errors"].text in capsys.readouterr().err
 
 
 def test_cameras_of_different_frame_rates_are_moments_of_the_quickest(walk, tmp_path):
