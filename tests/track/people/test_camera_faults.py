@@ -294,6 +294,29 @@ def test_boxes_of_half_the_size_from_a_time_on_are_named_with_it() -> None:
     assert abs(float(words.split()[-4]) - 10.0) <= 1.5
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("begin", "dropped"), [(90, 20), (60, 10), (120, 30)])
+def test_frames_of_one_camera_that_are_dropped_and_not_counted_are_named_with_time_and_size(
+    begin: int, dropped: int, seed: int
+) -> None:
+    """Later boxes are early by the frames that were lost; they were taken for a rotation."""
+    kept: list[np.ndarray] = []
+    found(cameras(), cameras(), lambda _, boxes: kept.append(boxes[1]) or boxes, seed=seed)
+
+    def early(step: int, boxes: Boxes) -> Boxes:
+        if step < begin:
+            return boxes
+        late = step + dropped
+        return {k: kept[late] if k == 1 and late < 200 else v for k, v in boxes.items() if k != 1 or late < 200}
+
+    (names, words), *others = reported(found(cameras(), cameras(), early, seed=seed)).items()
+    assert (names, others) == (("b",), [])
+    got = re.fullmatch(r"the clock of b is ([\d.]+) s behind from ([\d.]+) to [\d.]+ s", words)
+    assert got is not None
+    assert float(got[1]) == pytest.approx(0.1 * dropped, rel=0.2)
+    assert float(got[2]) == pytest.approx(0.1 * begin, abs=2.0)
+
+
 def test_a_part_is_not_searched_if_most_of_its_steps_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of many boxes some steps are compared; the other ones show whether those are typical."""
 

@@ -255,7 +255,7 @@ class _Search:
         self.every = max(1, round(count / MAX_BOXES))
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Return mistakes that last for the whole recording; without any, those of a part of it.
+        """Return mistakes that last for the whole recording; those of a part of it without any, or if they fit better.
 
         Args:
             unit: length unit, for messages.
@@ -287,7 +287,9 @@ class _Search:
                 trusted = [c for c in trusted if c not in wrong]
                 agreement = self._agreement(trusted)
             low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
-        return out or self._for_a_while()
+        partial = self._for_a_while()
+        better = {each.cameras: each for each in partial}
+        return [max(each, better.get(each.cameras, each), key=lambda one: one.fit) for each in out] or partial
 
     @cached_property
     def errors(self) -> list[CameraError]:
@@ -583,7 +585,8 @@ class _Search:
             for words, boxes in _other_forms(own):
                 yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
             yield from self._other_rates(c)
-            yield from self._late(c)
+        # Frames that were dropped and not counted shift all later ones
+        yield from self._late(c)
         if rotations:
             yield from self._turned(c, trusted)
 
