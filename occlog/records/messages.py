@@ -349,6 +349,11 @@ VERDICT: dict[str, Message] = {
         "{count:.1f} tracks are within {gate:g} {unit} of a true position: the file may hold tracks of several runs",
         "evaluate each run by itself, or remove duplicate tracks",
     ),
+    "occluders-tracked": Message(
+        N,
+        "{share:.0%} of the occluders in the truth have a track, which counts as a false one",
+        "state role target in the truth for all people that are to be tracked",
+    ),
     "truth-frames-in-steps": Message(
         W,
         "the truth has one frame in {step} only: {share:.0%} of the tracks' boxes are in others and count as false",

@@ -336,14 +336,14 @@ class Alternative(NamedTuple):
         return "convert the file that is not in the unit of the scene"
 
 
-def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[PositionSamples, Floats]:
+def sample_of(chunks: Iterable[Tracks] | Iterable[Truth], role: str = "target") -> tuple[PositionSamples, Floats]:
     """Return positions, and heights z (n,), of the first rows of a table, up to `MAX_SAMPLE`.
 
-    Of a truth only targets count; rows without x or y are skipped.
+    Of a truth only rows with this `role` count; rows without x or y are skipped.
     """
     parts, count = [(np.zeros(0, np.int64), np.zeros((0, 3)))], 0
     for rows in chunks:
-        own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
+        own = rows.role == role if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
         parts.append((rows.t_ns[own], np.column_stack([rows.x, rows.y, rows.z])[own]))
         count += int(own.sum())
         if count >= MAX_SAMPLE:
@@ -539,6 +539,15 @@ def tracks_per_target(tracks: PositionSamples, truth: PositionSamples, gate: flo
     return float(np.median(near[0] / near[1]))
 
 
+def share_with_tracks(tracks: PositionSamples, others: PositionSamples, gate: float) -> float:
+    """Return the share of positions `others` with a track within `gate` on each axis at about that time; 0 without."""
+    if not (len(tracks.t) and len(others.t)):
+        return 0.0
+    scale = np.array([1.0 / _tolerance(tracks, others), 1.0 / gate, 1.0 / gate])
+    ours, theirs = (np.column_stack([each.t, each.xy]) * scale for each in (tracks, others))
+    return float(np.mean(np.isfinite(_distance(cKDTree(ours), theirs[_spread(np.arange(len(theirs)))]))))
+
+
 def _distance(tree: cKDTree, points: Floats) -> Floats:
     """Return the maximum-norm distance (n,) of points (n, d) to the nearest one of the tree; inf if above 1."""
     return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
@@ -599,6 +608,8 @@ MIN_MOTA = 0.2
 """MOTA below which another time, unit or frame is looked for."""
 MAX_PRECISION, MIN_TRACKS = 0.7, 1.7
 """Precision below which tracks of several runs are looked for, and tracks per true position from which there are."""
+MIN_TRACKED_OCCLUDERS = 0.5
+"""Share of the occluders of a truth with a track from which it is stated."""
 SAME_PERSON = 0.5
 """Share of the gate within which two tracks are of one person; in crowds other people are within the gate."""
 WINDOW_STEPS = 2.5
@@ -661,6 +672,9 @@ class TruthAlignment:
             if count >= MIN_TRACKS:
                 yield finding(ALIGNMENT, "tracks-doubled", count=count, gate=gate, unit=self._unit)
                 return
+            occluders, _ = sample_of(self._sources()[1], "occluder")
+            if (share := share_with_tracks(tracks, occluders, gate)) >= MIN_TRACKED_OCCLUDERS:
+                yield finding(ALIGNMENT, "occluders-tracked", share=share)
         far = mota < MIN_MOTA if math.isfinite(mota) else metrics.get(f"error_median_{self._unit}", 0.0) > self._gate
         inside, outside = metrics.get("estimates", math.inf), metrics.get("estimates_without_truth", 0.0)
         if far or inside < MIN_OVERLAP * (inside + outside):

@@ -24,6 +24,7 @@ from occlog.evaluate.errors.misalignment import (
     velocities,
 )
 from occlog.evaluate.matching.paths import ObjectPath
+from occlog.records.messages import VERDICT
 from occlog.records.tables import Tracks, Truth
 
 RATE = 10.0
@@ -327,6 +328,26 @@ def test_tracks_of_two_runs_are_named(runs: int, tmp_path: Path, capsys: pytest.
     run(["evaluate", str(tmp_path / "mine.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"])
     warnings = json.loads(capsys.readouterr().out)["warnings"]
     assert [each["id"] for each in warnings if each["id"] == "tracks-doubled"] == ["tracks-doubled"] * (runs - 1)
+
+
+@pytest.mark.parametrize("tracked", [True, False])
+def test_tracks_of_occluders_are_stated(tracked: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A tracker of all people had a precision of 0.5 without a word."""
+    t, true = walks(2, people=3)
+    lines = ["t,id,role,x,y"]
+    lines += [
+        f"{time:.1f},{i},{'occluder' if i else 'target'},{x:.4f},{y:.4f}"
+        for k, time in enumerate(t)
+        for i, (x, y) in enumerate(true[:, k])
+    ]
+    (tmp_path / "truth.csv").write_text("\n".join(lines))
+    moved = np.where(np.arange(3) > 0, 0.0 if tracked else 4.0, 0.0)
+    (tmp_path / "mine.csv").write_text(
+        _csv([(k, i, true[i, k, 0] + moved[i], true[i, k, 1]) for i in range(3) for k in range(len(t))])
+    )
+    run(["evaluate", str(tmp_path / "mine.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"])
+    out = capsys.readouterr()
+    assert (VERDICT["occluders-tracked"].text.format(share=1.0) in out.err) == tracked
 
 
 def _csv(rows: list[tuple[int, int, float, float]]) -> str:
