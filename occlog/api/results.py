@@ -217,7 +217,7 @@ class OverlayResult(Result):
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
-    """Return the tables among `names` that were written into a folder, by name; missing ones are left out."""
+    """Return the tables among `names` that were written into a folder, by name; missing ones are omitted."""
     return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
 
 

@@ -261,7 +261,7 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
 
 
 def _common_noise(found: Calibrated) -> CommonNoise | None:
-    """Standard deviations of all cameras together; those that are undetermined define the world, and are left out."""
+    """Standard deviations of all cameras together; those that are undetermined define the world, and are omitted."""
     position, _, yaw, scale = np.where(np.isfinite(found.sigma_frame), found.sigma_frame, 0.0).tolist()
     center = found.center.real, found.center.imag
     return CommonNoise(center, position, yaw, scale) if position or yaw or scale else None
@@ -295,7 +295,7 @@ def _figures(each: CameraResult) -> dict[str, object]:
 
 
 def _frame(found: Calibrated) -> dict[str, float]:
-    """Standard deviations of position, yaw and scale common to all cameras, by name; undetermined ones are left out."""
+    """Standard deviations of position, yaw and scale common to all cameras, by name; undetermined ones are omitted."""
     x, y, yaw, scale = found.sigma_frame.tolist()
     values = {"x": x, "y": y, "yaw_deg": float(np.degrees(yaw)), "scale": scale}
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}

@@ -147,7 +147,7 @@ class Calibrated(NamedTuple):
         residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
         paths: of the people, by the common clock.
         handovers: of people from view to view, by which cameras that share no view are calibrated; 0: views are shared.
-        ambiguous: handovers that were left out, as more than one person can be meant.
+        ambiguous: handovers that were omitted, as more than one person can be meant.
     """
 
     cameras: list[CameraResult]
@@ -395,7 +395,7 @@ def _tracklets(
         camera: camera with its intrinsics.
         plane: its height and tilt; None: unknown, so that there are no tracklets.
         boxes: times (n,) [s] and boxes (n, 4) of each image track.
-        height: height of a person, in scene units; positions many heights away are left out.
+        height: height of a person, in scene units; positions many heights away are omitted.
     """
     out = []
     for t, own in boxes if plane is not None else ():

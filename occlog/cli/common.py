@@ -48,7 +48,7 @@ def add_common(command: click.Command) -> None:
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
     """Return a callback that checks that all inputs exist, then calls the given callback of a command.
 
-    With settings (`--set`) the check is left out: the callback reports errors in the command line first.
+    With settings (`--set`) the check is omitted: the callback reports errors in the command line first.
     """
 
     @wraps(callback)

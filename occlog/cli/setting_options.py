@@ -185,7 +185,7 @@ def options_of(
     Args:
         settings: the class.
         only: names of fields; empty: all.
-        without: names of fields that are left out.
+        without: names of fields that are omitted.
         prefix: put before the names of the parameters.
         under: group or plug-in that the options belong to, see `SettingOption`.
     """
@@ -228,7 +228,7 @@ def flag_of(settings: type[Settings], name: str) -> str:
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Return name and description of each setting that has no option, for --help; `without`: names left out."""
+    """Return name and description of each setting that has no option, for --help; `without`: names omitted."""
     rows = []
     for f in declared(settings):
         spec = declaration(f)

@@ -23,7 +23,7 @@ GROWTH_BYTES = 2_000
 def taken(of: Any) -> Iterator[ColumnTable]:
     """Generate a sample table of each kind that the exporter class `of` can write.
 
-    Kinds without a sample are left out.
+    Kinds without a sample are omitted.
     """
     yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
 

@@ -480,7 +480,7 @@ class StatedNoiseCheck:
         """Generate the chunks unchanged, and compare the stated standard deviations of their bearings.
 
         Counted are those below `MIN_SIGMA_RAD`; others are compared with second differences of successive bearings.
-        Bearings with pixels are left out, as their noise is that of the pixels.
+        Bearings with pixels are omitted, as their noise is that of the pixels.
         """
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading

@@ -432,7 +432,7 @@ class EffectiveSampleSizes:
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Add effective sample sizes `ess` (n,); NaN (a method without particles) is left out."""
+        """Add effective sample sizes `ess` (n,); NaN (a method without particles) is omitted."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
@@ -504,7 +504,7 @@ class PositionConsistency:
 
         Args:
             tracks: estimates.
-            residuals: residuals of bearings at them; probably false ones are left out.
+            residuals: residuals of bearings at them; probably false ones are omitted.
             scene: sensors, room and walls; without room and walls nothing is counted.
         """
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}

@@ -66,7 +66,7 @@ class StationReading(NamedTuple):
         return f"({x:.2f}, {y:.2f}) {unit}"
 
 
-class _Fit(NamedTuple):
+class _LeastMisfit(NamedTuple):
     """Least misfit [length^2] over k parameters, these (k,), and their standard errors (k,)."""
 
     misfit: float
@@ -171,7 +171,7 @@ def _moved(table: Floats, station: int, by: Floats) -> Floats:
     return out
 
 
-def _fitted(change: Callable[[Floats], Floats], parameters: int) -> _Fit:
+def _fitted(change: Callable[[Floats], Floats], parameters: int) -> _LeastMisfit:
     """Return the least misfit over the parameters of a change of the table."""
     start = np.zeros(parameters)
 
@@ -183,7 +183,7 @@ def _fitted(change: Callable[[Floats], Floats], parameters: int) -> _Fit:
     misfit = _misfit(change(found.x))
     J: Floats = np.asarray(found.jac)
     error = np.sqrt(misfit * np.diag(np.linalg.pinv(J.T @ J)))
-    return _Fit(misfit, found.x, error)
+    return _LeastMisfit(misfit, found.x, error)
 
 
 def _misfit(table: Floats) -> float:

@@ -125,7 +125,7 @@ class SystematicErrors:
         """Add the bearings of one target to the normal equations of the yaw and clock errors of all sensors.
 
         Residuals are linearised about the estimates, in windows of `WINDOW_S`; windows of fewer than 3 bearings, or of
-        one sensor, are left out.
+        one sensor, are omitted.
 
         Args:
             tracks: estimates of the target, by time.

@@ -202,7 +202,7 @@ FLAT = 1e-12
 def convex_pieces(polygon: Floats) -> list[Floats]:
     """Return convex counter-clockwise pieces of a simple polygon (K, 2).
 
-    The polygon itself if it is convex, else triangles (ear clipping); slivers without area are left out.
+    The polygon itself if it is convex, else triangles (ear clipping); slivers without area are omitted.
     """
     corners = counter_clockwise(polygon)
     flat = FLAT * float(np.ptp(corners, axis=0).prod())

@@ -395,7 +395,7 @@ class CollectedVideo:
         """Append the next message, of time `t_ns` [ns], to the file; InputError if it is not a picture of the stream.
 
         Pictures before the first key frame, or that depend on a missing one, cannot be decoded: they are counted and
-        left out.
+        omitted.
         """
         number, self._count = self._count, self._count + 1
         unit = self._reader.read(data)
@@ -417,7 +417,7 @@ class CollectedVideo:
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
-        """Close the file, and return the number of messages that were left out."""
+        """Close the file, and return the number of messages that were omitted."""
         self.file.close()
         return self._lost
 
@@ -537,7 +537,7 @@ class Taking:
         """World times of the frames of each camera, by its name.
 
         They are read in a pass over the messages of images or, if the bag has no selected images, of boxes. Messages
-        that are damaged or not later than the previous one are left out.
+        that are damaged or not later than the previous one are omitted.
         """
         topics = self._cameras or {topic: rows.camera for topic, rows in self._boxes.items()}
         states = {topic: _CameraState() for topic in topics}

@@ -78,7 +78,7 @@ class EventTimes(TimeSpanNs):
 
     @property
     def rate_hz(self) -> float:
-        """Mean number of times per second [Hz], with the longest interval left out."""
+        """Mean number of times per second [Hz], with the longest interval omitted."""
         return (self.count - 2) * NS / max(self.last - self.first - self.longest, 1)
 
 

@@ -63,7 +63,7 @@ class ReproduceRequest:
         sizes: texts such as `fig12=4x1000`: runs and steps of one experiment.
         seed: seed of all experiments.
         overwrite: whether files that exist are replaced.
-        quiet: whether notes and progress are left out.
+        quiet: whether notes and progress are omitted.
         as_json: whether one JSON object is printed in place of text.
     """
 

@@ -239,7 +239,7 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
 
 
 def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
-    """Generate the scans between consecutive starts; rows from the last start on are left out.
+    """Generate the scans between consecutive starts; rows from the last start on are omitted.
 
     InputError if a sensor has two rows for a target in a scan.
 

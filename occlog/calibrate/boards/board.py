@@ -29,7 +29,7 @@ MAX_SIGMA_FOCAL, MAX_SIGMA_PRINCIPAL = 0.01, 0.02
 MIN_TILT_DEG = 5.0
 """Least value of the largest angle of a board to the mean: of parallel boards standard deviations are too small."""
 MAX_VIEW_RATIO = 3.0
-"""A view with this many times the median residual is left out: moved while exposed, or wrongly detected."""
+"""A view with this many times the median residual is omitted: moved while exposed, or wrongly detected."""
 K3_GAIN = 0.97
 """The third radial coefficient is estimated where it reduces the residual to this share or less."""
 

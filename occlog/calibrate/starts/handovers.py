@@ -63,7 +63,7 @@ def walkers(tracklets: Sequence[Tracklet], max_gap_s: float) -> tuple[Ints, int]
         max_gap_s: longest time between two views [s].
 
     Returns:
-        (n,) index of the person of each track, and the number of handovers that are left out because another person
+        (n,) index of the person of each track, and the number of handovers that are omitted because another person
         was seen meanwhile, or two tracks may be continued.
     """
     begin, end = (np.array([t.t_s[k] for t in tracklets]) for k in (0, -1))

@@ -381,7 +381,7 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
     """Return crossings (K, 2) of lines of different sensors ahead of both, and covariances (K, 2, 2) for sampling.
 
     The covariances are those of the crossings, enlarged by `CROSSING_INFLATION` squared. Lines that are nearly parallel
-    and crossings out of range are left out; of more than `MAX_CROSSINGS` a random subset is returned.
+    and crossings out of range are omitted; of more than `MAX_CROSSINGS` a random subset is returned.
 
     Args:
         lines: directions of one scan.

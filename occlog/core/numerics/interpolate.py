@@ -136,7 +136,7 @@ def frames_at(
     """Generate each chunk of positions with the frames of every sensor.
 
     Positions between two times are interpolated linearly, also across the border of two chunks. Chunks without times
-    are left out. The first frame of a sensor is at the first time of the first chunk.
+    are omitted. The first frame of a sensor is at the first time of the first chunk.
 
     Args:
         chunks: grids in the order of time.

@@ -45,7 +45,7 @@ def add_joint(
     the probability that no camera of Q is blocked.
 
     Args:
-        total: (L,) log-likelihoods; positions with -inf are left out.
+        total: (L,) log-likelihoods; positions with -inf are omitted.
         xy: (L, 2) positions.
         sensor: (n,) index of the camera of each of n frames, at most one frame of a camera.
         a: (n, L) likelihood of a frame's report if no occluder hides the position.

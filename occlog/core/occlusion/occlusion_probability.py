@@ -384,7 +384,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 def terms(half: float, tolerance: float) -> int:
     """Return the number of Chebyshev polynomials for an interval of +- `half` deviations of the narrowest prior.
 
-    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!); those below `tolerance` are left out.
+    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!); those below `tolerance` are omitted.
     """
     n, size = 0, 2.0
     while size > tolerance and n <= MAX_DEGREE:

@@ -234,7 +234,7 @@ class PairSums:
     def pairs(self) -> dict[int, int]:
         """Return the target of each track by identity: the one-to-one pairs with the least overall RMSE.
 
-        Tracks and targets without a counterpart are left out.
+        Tracks and targets without a counterpart are omitted.
         """
         target, track, (shared, squares, lost) = self._sums.all()
         made = pair_by_sums(track, target, shared, squares + lost, self._worst)

@@ -319,7 +319,7 @@ def shown_name(column: Column, length_unit: str) -> str:
 def write_csv(
     rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
-    """Write rows as CSV; return their number, and the names of the list columns, which are left out.
+    """Write rows as CSV; return their number, and the names of the list columns, which are omitted.
 
     Args:
         rows: chunks of the table.

@@ -243,7 +243,7 @@ class ExternalTable:
     def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
         """For each of n rows, in file order, the raw values that say of whom it is (sensor, identity, tag), as a tuple.
 
-        Columns that the file lacks are left out.
+        Columns that the file lacks are omitted.
         """
         names = [s.name for s in self.layout.columns if s.column.name in OWNERS]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)

@@ -154,7 +154,7 @@ def names_of(path: Path) -> tuple[str, ...]:
 
 
 def read_trc(path: Path) -> Iterator[CsvRows]:
-    """Yield rows (time, target and position as text) of a TRC file, sorted as in the file; empty cells are left out.
+    """Yield rows (time, target and position as text) of a TRC file, sorted as in the file; empty cells are omitted.
 
     InputError, with the line, for invalid content.
     """

@@ -310,7 +310,7 @@ def _kind(path: Path) -> str | None:
 def _members(folder: Path) -> list[Path]:
     """Files of a ROS 2 bag in a folder (.mcap, .db3, also compressed), in natural order.
 
-    A compressed file is left out if it exists decompressed as well.
+    A compressed file is omitted if it exists decompressed as well.
     """
     found = [p for p in folder.iterdir() if p.is_file() and not is_hidden(p) and _bare(p).suffix in SUFFIXES]
     return sorted((p for p in found if p == _bare(p) or _bare(p) not in found), key=lambda p: natural_key(p.name))

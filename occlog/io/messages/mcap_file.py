@@ -432,7 +432,7 @@ def unpack_frames(data: bytes, most: int) -> bytes:
 
 
 def _frames(data: bytes) -> Iterator[bytes]:
-    """Yield the zstd frames in `data`, still compressed; skippable ones (metadata) are left out.
+    """Yield the zstd frames in `data`, still compressed; skippable ones (metadata) are omitted.
 
     ZstdError if a frame is cut off.
     """

@@ -300,7 +300,7 @@ def union(a: Floats, b: Floats) -> Floats:
 def groups_of(statistics: EmStatistics) -> Floats:
     """Return the (K, 6) rows of the clusters' statistics: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
 
-    The uniform noise term is left out.
+    The uniform noise term is omitted.
     """
     out = np.empty((statistics.means.shape[0], 6))
     out[:, 0] = statistics.mass[:-1]

@@ -69,7 +69,7 @@ def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoi
         person: (K, 3) covariance xx, xy, yy of a person's pixels at the position [px^2].
         fill: (K,) foreground pixels relative to a person in full view.
         cut: (K,) mask of regions that reach the left or right border of the image.
-        noise: if it states `sigma_px`, the share of posture is left out here.
+        noise: if it states `sigma_px`, the share of posture is omitted here.
     """
     odd = np.minimum(np.abs(1.0 - fill), 1.0)
     posture = POSTURE_SHARE if noise.sigma_px is None else 0.0

@@ -74,7 +74,7 @@ def probe(
 ) -> dict[str, DetectionProbe]:
     """Count, by camera, sampled frames with people by the network, and frames with person-sized moving regions.
 
-    Cameras without sampled images are left out; `N_PROBED` images of each are used at most.
+    Cameras without sampled images are omitted; `N_PROBED` images of each are used at most.
 
     Args:
         samples: frames kept for learning, by camera.

@@ -279,7 +279,7 @@ class ChannelLags:
         return np.asarray(np.abs(np.fft.fftfreq(BLOCK, 1.0 / BLOCK)) <= limit)
 
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
-        """Delays [samples] of delayed channels, by number from 0; negative: early. Channels in step are left out.
+        """Delays [samples] of delayed channels, by number from 0; negative: early. Channels in step are omitted.
 
         Channels with lags that the distances of their microphones allow form a group; the largest group (on ties,
         that of the first channel) is the reference.

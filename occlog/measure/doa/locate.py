@@ -331,7 +331,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
     """Directions of arrival in the array's frame, by decreasing confidence (coherence of the phases, 0 to 1).
 
     Peaks of the algorithm's map over the grid, refined by parabolas; those with a confidence below
-    `config.min_confidence` are left out.
+    `config.min_confidence` are omitted.
 
     Args:
         at: algorithm, array, grid and settings.

@@ -45,7 +45,7 @@ class KalmanRequest(Request):
 class HullRequest(Request):
     """Estimate occluder priors from VIEWS (of `occlog detect --views`): visual hulls of all silhouettes.
 
-    Polygons that no camera needs (phantoms) are left out. Where clusters are not distinguished, the polygon of the
+    Polygons that no camera needs (phantoms) are omitted. Where clusters are not distinguished, the polygon of the
     tracked target is among them: `occlog track --set own_prior_gate=3` leaves it out.
 
     \b

@@ -98,7 +98,7 @@ def similarity(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
-    """Collect the foreground pixels in square cells, row by row; cells without foreground are left out.
+    """Collect the foreground pixels in square cells, row by row; cells without foreground are omitted.
 
     Args:
         mask: (height, width), non-zero on the foreground.

@@ -109,7 +109,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 def inputs_of(config: Config, folder: Path) -> list[Path]:
     """Return absolute paths of the configuration, and of the files that its stages read and none makes.
 
-    `folder`: run folder; files in it are left out.
+    `folder`: run folder; files in it are omitted.
     """
     path = config.path.parent.resolve() / config.path.name
     found, own = {path: None}, folder.resolve()

@@ -521,12 +521,12 @@ def _same(name: str, known: Sequence[str]) -> str | None:
 
 
 def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence[str], scene: bool) -> dict[str, str]:
-    """Return the name to use for each camera, by its name in the data; cameras without a calibration are left out.
+    """Return the name to use for each camera, by its name in the data; cameras without a calibration are omitted.
 
     InputError if no camera is in the calibration.
 
     Args:
-        made: choices, which get lines, and lose the files of cameras that are left out.
+        made: choices, which get lines, and lose the files of cameras that are omitted.
         calibration: names the calibrated cameras; None: all cameras keep their names.
         names: names of the cameras with data.
         scene: whether a scene file has cameras, so that those without a calibration stay.
@@ -578,7 +578,7 @@ def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, rename
         made: the choices.
         boxes: items with boxes.
         opened: their content.
-        renamed: name to use by name in the data; other cameras are left out.
+        renamed: name to use by name in the data; other cameras are omitted.
     """
     own: list[object] = []
     used = [item for item in boxes if item in made.found.items and set(opened.files[item].cameras) & set(renamed)]

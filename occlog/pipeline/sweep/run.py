@@ -163,7 +163,7 @@ class SummaryRow(NamedTuple):
 
 
 def summarise(values: Sequence[float]) -> Summary:
-    """Return statistics of one figure over runs; NaN values are left out.
+    """Return statistics of one figure over runs; NaN values are omitted.
 
     The 95 % confidence interval of the mean is that of Student's t distribution, for approximately normal values.
 

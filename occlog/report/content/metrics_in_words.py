@@ -112,7 +112,7 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
     """Return all metrics in groups with titles, in the order of the vocabulary.
 
     Unknown ones come last, under their own names. If there are no errors of position, the metrics of the group
-    "Accuracy" are added to those of many targets, or left out if there are none of these.
+    "Accuracy" are added to those of many targets, or omitted if there are none of these.
 
     Args:
         metrics: values by name, which may be nested mappings.

@@ -137,7 +137,7 @@ def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, 
 
     Args:
         lines: N bearings.
-        estimate: (N, 2) estimated positions at their times; bearings with NaN are left out.
+        estimate: (N, 2) estimated positions at their times; bearings with NaN are omitted.
         scene: positions of the sensors.
         nearest: keep only the bearing with the smallest residual of each time and sensor.
     """

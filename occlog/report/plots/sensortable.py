@@ -45,7 +45,7 @@ def sensor_rows(data: ReportInput) -> list[SensorRow]:
 def sensor_columns(rows: Sequence[SensorRow], unit: str) -> list[tuple[str, str]]:
     """Return (field, heading) of the columns of the table of sensors that have a value.
 
-    Columns of observations are left out if all of them are detections.
+    Columns of observations are omitted if all of them are detections.
     """
     heads = {
         "kind": "Kind",

@@ -347,7 +347,7 @@ class PeopleInput:
     def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
         """Generate the frames without detections of a table of regions or external boxes, which has no rows for them.
 
-        Nothing is generated for a recording; frames known as lost are left out. `index_of` is the index of each camera
+        Nothing is generated for a recording; frames known as lost are omitted. `index_of` is the index of each camera
         in use by name; `numbers` and `tally` are updated.
         """
         if self.opened.recording is not None:

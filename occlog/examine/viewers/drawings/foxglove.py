@@ -153,7 +153,7 @@ def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
     """Return an encoded `foxglove.PointCloud` with points along the lines and edges of shapes, and their dots.
 
     Args:
-        things: shapes, in metres; their texts are left out.
+        things: shapes, in metres; their texts are omitted.
         t_ns: time [ns].
         frame: name of the coordinate frame of the points.
     """

@@ -85,7 +85,7 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
 def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
     """Return an encoded `foxglove.CameraCalibration` for images of `size` (width, height) [px] at the time `t_ns` [ns].
 
-    Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are left out, so that their
+    Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are omitted, so that their
     projections are inaccurate towards the image edges.
     """
     intrinsics = camera.intrinsic_matrix
@@ -270,7 +270,7 @@ class SightDrawing:
         return things
 
     def chosen(self, names: Iterable[str]) -> list[DrawingGroup]:
-        """Return marks at the cameras with these names, as selected by the tracker; unknown names are left out."""
+        """Return marks at the cameras with these names, as selected by the tracker; unknown names are omitted."""
         things = []
         for name in names:
             if name in self._sensors:

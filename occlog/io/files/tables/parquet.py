@@ -353,7 +353,7 @@ def describe(path: Path) -> TableDescription:
 
 
 def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
-    """First `rows` rows of a Parquet file, as Python values by column; columns of lists are left out."""
+    """First `rows` rows of a Parquet file, as Python values by column; columns of lists are omitted."""
     with opened_table(path) as file:
         names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
         batch = next(batches(file, rows, names), None)

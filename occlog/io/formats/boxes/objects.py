@@ -243,7 +243,7 @@ def _image_number(path: Path, n: int, record: Record) -> str:
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
-    """Boxes of a COCO data set; frames and cameras are those of its images; crowds (`iscrowd`, `ignore`) are left out.
+    """Boxes of a COCO data set; frames and cameras are those of its images; crowds (`iscrowd`, `ignore`) are omitted.
 
     Args:
         path: the file.

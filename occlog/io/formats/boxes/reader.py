@@ -197,7 +197,7 @@ class BoxOptions:
             ignored.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
         others: cameras that match none of the known ones are accepted under their own names.
-        lenient: boxes without a size, and copies, are left out and counted; otherwise the first one is an error.
+        lenient: boxes without a size, and copies, are omitted and counted; otherwise the first one is an error.
     """
 
     frames: FrameChoice = ALL_FRAMES
@@ -692,7 +692,7 @@ def read_boxes(
         known: names of the cameras of the scene, with which labels in a file are matched.
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
-        losses: the boxes that are left out are added after the last table, if the options are `lenient`.
+        losses: the boxes that are omitted are added after the last table, if the options are `lenient`.
     """
     ranges = survey.frames(times)
     unusable = UnusableBoxes() if options.lenient else None
@@ -820,7 +820,7 @@ def _read(
     left_out: Counter[tuple[str, ...]],
     unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Yield the usable rows of a box file in parts, each as text and as numbers; boxes of other classes are left out.
+    """Yield the usable rows of a box file in parts, each as text and as numbers; boxes of other classes are omitted.
 
     Args:
         file: with the camera that the user states, if any.

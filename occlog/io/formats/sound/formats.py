@@ -282,7 +282,7 @@ def looks_like_telemetr(head: list[str]) -> bool:
 def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Yield bearings of towers, clockwise from north, from a field log of telemetr; animals are identities.
 
-    Dates are month/day/year, 1900 + yy, taken as UTC. A bearing of 0 means none (north is 360) and is left out.
+    Dates are month/day/year, 1900 + yy, taken as UTC. A bearing of 0 means none (north is 360) and is omitted.
 
     Args:
         path: the log.
@@ -469,10 +469,10 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
     counter.note()
     if idle:
         note_once(
-            f"note: {path}: {idle} directions without activity left out: ODAS predicted them without hearing a source"
+            f"note: {path}: {idle} directions without activity omitted: ODAS predicted them without hearing a source"
         )
     if above:
-        note_once(f"note: {path}: {above} directions straight up or down left out: they have no azimuth")
+        note_once(f"note: {path}: {above} directions straight up or down omitted: they have no azimuth")
     if hops and not taken:
         note_once(
             f"warning: {path}: {hops} hops and no direction; check the thresholds of ODAS, and that its "
@@ -664,7 +664,7 @@ def _check(path: Path, line: int, found: object) -> _OdasObject:
 def _sources(path: Path, hop: _OdasObject) -> Iterator[tuple[int, float, float, float]]:
     """Yield identity, azimuth, elevation and confidence of each source of a hop.
 
-    Angles [rad] are in the array's frame; the identity is -1 if there is none. Idle slots are left out. InputError for
+    Angles [rad] are in the array's frame; the identity is -1 if there is none. Idle slots are omitted. InputError for
     a direction that is not a unit vector.
     """
     for source in hop.sources:

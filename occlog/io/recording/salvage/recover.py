@@ -172,7 +172,7 @@ class _Salvage:
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
-        """Add a loss for a recording that follows another one in the file, and for its messages that were left out."""
+        """Add a loss for a recording that follows another one in the file, and for its messages that were omitted."""
         location = f"from byte {part.at} on"
         if not self._belongs(part):
             what = "messages of another recording, which has another scene or none, are skipped; split the file there"

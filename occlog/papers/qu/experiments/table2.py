@@ -201,7 +201,7 @@ def table2(size: Size, execute: Execute) -> Table:
 def _printed(counts: Sequence[int]) -> list[PaperRow]:
     """Rows of the paper's numbers of particles of the joint filter, relative to that of 4 targets.
 
-    `counts`: numbers of targets of the experiment; others are left out.
+    `counts`: numbers of targets of the experiment; others are omitted.
     """
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]

@@ -124,7 +124,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
     """Return the model with the position priors of moving occluders at the time of a scan.
 
-    With `own_prior_gate`, priors within that many standard deviations of the target (by `state`) are left out as the
+    With `own_prior_gate`, priors within that many standard deviations of the target (by `state`) are omitted as the
     target's own. Where no prior has a standard deviation, positions count as known.
     """
     config = model.config

@@ -78,7 +78,7 @@ def network(
     Args:
         scene: scene with the cameras.
         config: settings of the selection.
-        usable: names of the cameras that may be used; those without a pose are left out.
+        usable: names of the cameras that may be used; those without a pose are omitted.
         detection: probability that a camera detects a target in plain view, where the scene does not state it; None: 1.
         hiding: form of the probability that a moving occluder hides the target, of
             `occlog.core.occlusion.occlusion_probability`.

@@ -272,7 +272,7 @@ def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
     """Return the rows of a scan that agree on a crossing of two lines of sight, at most one for each sensor.
 
     The crossing is the one with the least sum of squared residuals, each limited to the gate. Of more rows than
-    `MAX_PAIRS` pairs allow, unlabelled and then uncertain ones are left out.
+    `MAX_PAIRS` pairs allow, unlabelled and then uncertain ones are omitted.
 
     Args:
         state: sensors and settings.

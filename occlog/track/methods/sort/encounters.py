@@ -63,7 +63,7 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
     One of the two may have no box: then the other's box may be its own.
 
     Args:
-        ids: (N,) identities of the tracks; -1: not confirmed, left out.
+        ids: (N,) identities of the tracks; -1: not confirmed, omitted.
         ratio: (N, M) log likelihood ratios of tracks and boxes.
         target: (k,) indices of the tracks with a box.
         box: (k,) index of each such track's box.

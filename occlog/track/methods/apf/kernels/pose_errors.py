@@ -254,7 +254,7 @@ def solve(
     """Return the belief about pose errors after many scans at once, by Gauss-Newton with the trajectory eliminated.
 
     Every position of the trajectory is free (flat prior); errors have `belief` as their prior. Scans are linearised
-    again in every round, and those with bearings that cannot be the target's are left out.
+    again in every round, and those with bearings that cannot be the target's are omitted.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).

@@ -18,7 +18,7 @@ class GroundRequest(Request):
     """Triangulate the targets of VIEW_TRACKS (Parquet) to the ground plane, with covariance.
 
     At each time step the centres of the ellipses of a target in all views give its position. A view that is on
-    something else is left out if two or more others agree; two views that contradict each other give no position. A
+    something else is omitted if two or more others agree; two views that contradict each other give no position. A
     target in a single view is located at a height, that of the centre of a person; set another, or 0 to leave such
     times out.
 

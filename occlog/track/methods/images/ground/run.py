@@ -119,7 +119,7 @@ class GroundSummary:
         """Return the figures of the summary by name.
 
         `targets`: sorted identities with a position. `times`: pairs of target and time with a tracker in some view.
-        `rows`: positions. `views`: positions by the number of views used. `skipped`: views left out of positions
+        `rows`: positions. `views`: positions by the number of views used. `skipped`: views omitted of positions
         because they did not agree with the others. `not_triangulated`: target times without a position, by reason. In
         addition those of `GroundConsistency.figures`: rows by quality flag, targets of a single view and the mean
         squared residual.

@@ -303,7 +303,7 @@ def triangulate_in_space(
     """Triangulate points, and leave out views that contradict the others.
 
     Views agree when their misfit passes a chi-square test. Where they do not, the view without which the others agree
-    best is left out, as long as two or more remain. Two views that do not agree give no position (status
+    best is omitted, as long as two or more remain. Two views that do not agree give no position (status
     `DISAGREEING`), since either may be right.
 
     Args:

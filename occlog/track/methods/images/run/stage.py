@@ -98,7 +98,7 @@ def check_births(
 ) -> Checks:
     """Return the loop checks of starting ellipses, among themselves and against trackers of other views.
 
-    Ellipses that touch another one of their view are left out.
+    Ellipses that touch another one of their view are omitted.
 
     Args:
         births: starting ellipses of one time step.

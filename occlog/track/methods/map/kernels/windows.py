@@ -55,7 +55,7 @@ def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
 def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> StatePrior:
     """Return the marginal Gaussian of a state given everything before it, with measurements linearised at the solution.
 
-    Measurements at the state itself are left out; active constraints keep their force.
+    Measurements at the state itself are omitted; active constraints keep their force.
 
     Args:
         problem: cost and constraints of a trajectory of T states.
