@@ -149,8 +149,8 @@ def test_idle_sources_and_those_straight_above_are_left_out_with_a_note(
     assert table.source_id.tolist() == [3]
     stderr = capsys.readouterr().err
     assert "note:" in stderr
-    assert "2 directions without activity left out" in stderr
-    assert "1 directions straight up or down left out" in stderr
+    assert "2 directions without activity omitted" in stderr
+    assert "1 directions straight up or down omitted" in stderr
     assert "warning" not in stderr
 
 
