@@ -164,7 +164,9 @@ def test_noise_that_is_stated_too_large_is_a_note(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=4.0, true_px=2.0)
     assert run([*files.track, "--strict"]) == ExitCode.DONE
     heard = capsys.readouterr()
-    assert re.search(r"note: the bearings have standard deviations (1\.9|2|2\.1) times too large", heard.err)
+    assert re.search(
+        r"note: the stated standard deviations of the bearings are (1\.9|2\.0|2\.1) times too large", heard.err
+    )
     assert re.search("^plausible: +yes$", heard.out, re.MULTILINE)
 
 
