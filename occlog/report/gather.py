@@ -90,9 +90,9 @@ from .content.sight import (
     Residual,
     TriangulationDistances,
     has_common_time,
+    lines_of_sight,
     period_of,
     sensor_positions,
-    sight_lines,
 )
 
 MAX_DRAWN_TRACKS = 10_000
@@ -192,7 +192,7 @@ class _Periods:
 
     def add(self, bearings: Bearings) -> None:
         """Add the bearings of a further time interval."""
-        for k, (target, lines) in enumerate(sight_lines(bearings, self._scene, self._targets).items()):
+        for k, (target, lines) in enumerate(lines_of_sight(bearings, self._scene, self._targets).items()):
             self._rows[target] += len(lines.t_ns)
             self._together[target] += int(np.count_nonzero(has_common_time(lines.t_ns)))
             for sensor in np.unique(lines.sensor).tolist():

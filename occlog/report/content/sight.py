@@ -117,7 +117,7 @@ class LabelledSightings:
     sigma: Floats  # (N,) rad
 
 
-def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
+def lines_of_sight(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
     """Return, for each of the `labels`, the detections with that label by sensors that the scene has."""
     sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
@@ -328,7 +328,7 @@ class BearingResidualStreams:
 
     def add(self, tracks: Tracks, bearings: Bearings) -> None:
         """Add the bearings of a time interval; `tracks` must have all estimates in and around it."""
-        lines = sight_lines(bearings, self._scene, set(self._labels.values()))
+        lines = lines_of_sight(bearings, self._scene, set(self._labels.values()))
         for target, label in self._labels.items():
             own, mine = self._off[target], lines[label]
             estimate = positions_at(tracks, target, mine.t_ns)

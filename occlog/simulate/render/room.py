@@ -211,11 +211,11 @@ def blank(camera: Camera, n_lights: int) -> Background:
     )
     for top in range(0, height, BAND):
         rows = out.rays[top : top + BAND]
-        rows[:] = _sight_lines(camera, top, top + len(rows), width).reshape(rows.shape)
+        rows[:] = _lines_of_sight(camera, top, top + len(rows), width).reshape(rows.shape)
     return out
 
 
-def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
+def _lines_of_sight(camera: Camera, top: int, bottom: int, width: int) -> Floats:
     """(rows * width * 4, 3) directions in the world of lines of sight, four for each pixel of some image rows.
 
     The rows are `top` <= row < `bottom`.

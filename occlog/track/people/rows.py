@@ -54,7 +54,7 @@ class SnapshotTables(NamedTuple):
     views: PeopleViews | None
 
 
-def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
+def association_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
     """Return the probability (m, C) that camera C has a box of person m at a time step; C = `cameras`.
 
     It is the sum of the person's association probabilities in the camera, at most 1.
@@ -81,7 +81,7 @@ def tracks_of(
     snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
     if not snapshots:
         return PeopleTracks.empty()
-    by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in snapshots])
+    by = np.concatenate([association_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in snapshots])
     mean = np.concatenate([m.mean for m in snapshots])
     covariance = np.concatenate([m.covariance for m in snapshots])
     if common_noise is not None:

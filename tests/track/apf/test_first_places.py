@@ -10,12 +10,12 @@ from occlog.scans.grouping import Scan
 from occlog.track.methods.apf import filter as apf
 from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import (
+    lines_of_sight,
     max_destination_distance,
     pack_noise,
     pack_scan,
     pack_sensors,
     read_noise,
-    sight_lines,
 )
 
 pytestmark = pytest.mark.jit
@@ -90,7 +90,7 @@ def test_sight_lines_have_the_errors_of_reading_yaw_and_place():
     )
     packed = pack_scan(scan, read_noise(scene), use_score=False)
     assert scene.views is not None
-    found = sight_lines(packed, pack_sensors(scene), pack_noise(scene), scene.views)
+    found = lines_of_sight(packed, pack_sensors(scene), pack_noise(scene), scene.views)
     np.testing.assert_allclose(found.azimuth, [np.radians(40.0), 1.0])
     np.testing.assert_allclose(found.sigma, [np.hypot(2.0 / 800.0 * np.cos(np.radians(10.0)) ** 2, 0.01), 0.05])
     np.testing.assert_allclose(found.sigma_origin, [0.2, 0.0])

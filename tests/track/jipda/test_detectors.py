@@ -20,7 +20,7 @@ from occlog.track.methods.jipda.detector_model import (
     manoeuvre_rate,
     no_clutter,
     persistent_clutter_density,
-    persistent_clutter_rate,
+    persistent_clutter_probability,
     posture_change_rate,
     predict_hidden,
     prior_edge_errors,
@@ -157,8 +157,8 @@ def test_a_box_of_no_person_is_expected_where_it_was() -> None:
 
 def test_boxes_of_no_person_are_never_sure_to_be_there_again() -> None:
     counts = prior_statistics(1, JipdaConfig())
-    assert persistent_clutter_rate(counts) == pytest.approx(0.25)
-    assert persistent_clutter_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MAX_PERSISTENT_CLUTTER
+    assert persistent_clutter_probability(counts) == pytest.approx(0.25)
+    assert persistent_clutter_probability(replace(counts, again=np.array([[99.0, 100.0]]))) == MAX_PERSISTENT_CLUTTER
 
 
 @pytest.mark.jit

@@ -14,7 +14,7 @@ from occlog.records.scene import Occluder
 from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.problem import slack
 from occlog.track.methods.map.kernels.terms import residuals
-from occlog.track.methods.map.measurements import constraints, convex_hull, first_hit, sight_lines, stations
+from occlog.track.methods.map.measurements import constraints, convex_hull, first_hit, lines_of_sight, stations
 
 ORIGIN = np.zeros(2)
 L_ROOM = np.array([[-10.0, -10], [10, -10], [10, 0], [0, 0], [0, 10], [-10, 10]])
@@ -31,7 +31,7 @@ def planes_of(scene, xy, config=MapConfig(), **options):  # noqa: B008
     """Half-planes and stations for a target seen once a second at places (T, 2)."""
     made = record(scene, np.arange(len(xy)), xy, **options)
     at = stations(scene, ORIGIN, walls=config.wall_constraints)
-    lines = sight_lines(made, at)
+    lines = lines_of_sight(made, at)
     return constraints(lines, made, at, config, len(xy)), lines, made
 
 
@@ -77,7 +77,7 @@ def test_residuals_vanish_at_the_place_that_was_seen() -> None:
     xy = np.array([[0.3, 0.2], [-1.0, 1.5], [2.0, 0.0]])
     made = record(scene, np.arange(3), xy)
     at = stations(scene, ORIGIN, walls=True)
-    lines = sight_lines(made, at)
+    lines = lines_of_sight(made, at)
     assert len(lines.step) == made.rows.seen.sum() == 9
     assert lines.direction.reshape(3, 3)[:, 2].all()
     assert_allclose(residuals(lines, states(xy)), 0.0, atol=1e-9)
@@ -93,7 +93,7 @@ def test_a_bearing_far_off_the_axis_counts_as_a_direction() -> None:
     scene = place((0, 0, 0), fov=np.radians(179.9))
     xy = np.array([[1.0, 2.0], [0.01, 3.0]])  # 63 and 89.8 degrees off
     made = record(scene, [0.0, 1.0], xy)
-    lines = sight_lines(made, stations(scene, ORIGIN, walls=True))
+    lines = lines_of_sight(made, stations(scene, ORIGIN, walls=True))
     assert lines.direction.tolist() == [False, True]
     assert_allclose(residuals(lines, states(xy)), 0.0, atol=1e-9)
 

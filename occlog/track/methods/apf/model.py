@@ -190,7 +190,7 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
     return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), MAX_DESTINATION_S * speed)
 
 
-def sight_lines(packed: PackedScan, sensors: Sensors, noise: PoseNoise, prior: ViewPrior) -> ScanDirectionsInPlane:
+def lines_of_sight(packed: PackedScan, sensors: Sensors, noise: PoseNoise, prior: ViewPrior) -> ScanDirectionsInPlane:
     """Return the directions of a scan's n measurements in the plane, with errors of reading and pose ([Ercan] Eq. 2).
 
     Args:

@@ -33,7 +33,7 @@ from occlog.filtering.motion.waypoint import WaypointParticles
 from occlog.filtering.particles import effective_sample_size, log_of, normalise_log_weights, systematic_ancestors
 
 from .kernels import importance
-from .model import OCCLUDER_SUPPORT_SIGMAS_STAGE1, ApfModel, evidence, likelihood, sight_lines
+from .model import OCCLUDER_SUPPORT_SIGMAS_STAGE1, ApfModel, evidence, likelihood, lines_of_sight
 
 START_KERNEL_RATIO = 1.0 / 3.0
 """Share of the standard deviation of a given start that the kernel of each particle has."""
@@ -294,7 +294,7 @@ def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> Propose
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
     n = model.config.particles * model.config.initial_particle_factor
-    lines = sight_lines(packed, model.sensors, model.noise, model.views)
+    lines = lines_of_sight(packed, model.sensors, model.noise, model.views)
     xy, log_ratio = initial_positions(n, lines, model.views, rng)
     return _chosen(model, _particles_at(model, xy, rng), log_ratio - math.log(n), 0.0, packed, rng)
 

@@ -31,7 +31,7 @@ from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, HeightEstimate, Online, ParticleSet, Smoothing, TargetPredictor
 
 from .config import Direct3dConfig, SpaceConfig
-from .importance_step import CloudTrace, TimeStepPath, sight_lines, through_clouds, update_by_scan
+from .importance_step import CloudTrace, TimeStepPath, lines_of_sight, through_clouds, update_by_scan
 from .sensing import (
     C,
     ScanDirections,
@@ -165,7 +165,7 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
         state.cloud,
         state.log_weights,
         TimeStepPath(space.motion, dt),
-        lambda: sight_lines(heard, space.chances),
+        lambda: lines_of_sight(heard, space.chances),
         lambda xyz: log_likelihood(xyz, heard, space),
         config=space.config,
         rng=rng,

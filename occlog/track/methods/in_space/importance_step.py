@@ -245,7 +245,7 @@ def _in_space(positions: Floats) -> Floats:
     )
 
 
-def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
+def lines_of_sight(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
     """Return the directions of a scan in space as residuals for the importance density.
 
     `heard` are the directions in the world, `chances` the probabilities of false alarms and clutter.

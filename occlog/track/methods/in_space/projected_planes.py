@@ -36,7 +36,7 @@ from occlog.track.interface import Estimate, HeightEstimate, Online, ParticleSet
 
 from .config import PpsConfig
 from .direct3d import REFERENCE_S, ScanUpdate, begin, is_contradicted
-from .importance_step import GaussianTrace, TimeStepPath, sight_lines, through_gaussians, update_by_scan
+from .importance_step import GaussianTrace, TimeStepPath, lines_of_sight, through_gaussians, update_by_scan
 from .planes import (
     NOTHING,
     CombinedPosterior,
@@ -229,7 +229,7 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
         particles_around(space, config.start, n, rng),
         np.full(n, -math.log(n)),
         TimeStepPath(space.motion, 0.0),
-        partial(sight_lines, heard, space.chances),
+        partial(lines_of_sight, heard, space.chances),
         lambda xyz: space_log_likelihood(xyz, heard, space),
         config=config,
         rng=rng,

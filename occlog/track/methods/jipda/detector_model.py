@@ -668,7 +668,7 @@ def update_sources(
     ), counted
 
 
-def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
+def persistent_clutter_probability(counts: DetectorStatistics) -> Floats:
     """Return (C,) probabilities that a clutter box persists in the camera's next frame."""
     return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MAX_PERSISTENT_CLUTTER))
 

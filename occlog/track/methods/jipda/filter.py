@@ -40,7 +40,7 @@ from .detector_model import (
     manoeuvre_rate,
     no_clutter,
     persistent_clutter_density,
-    persistent_clutter_rate,
+    persistent_clutter_probability,
     posture_change_rate,
     predict_hidden,
     prior_edge_errors,
@@ -270,14 +270,14 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     dimension = max(state.cues.appearance.shape[1], *(frame.appearance.shape[1] for frame in frames))
     for_people, for_anybody = log_feature_ratios(state.cues, people, list(frames), dimension)
     before = persistent_clutter_density(
-        boxes, state.clutter, persistent_clutter_rate(state.counts), rates.noise, state.views.size
+        boxes, state.clutter, persistent_clutter_probability(state.counts), rates.noise, state.views.size
     )
     anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
     static = persistent_clutter_density(
         boxes,
         [established(c) for c in state.clutter],
-        persistent_clutter_rate(state.counts),
+        persistent_clutter_probability(state.counts),
         rates.noise,
         state.views.size,
     )
@@ -698,7 +698,7 @@ def _update_clutter(
         The statistics with clutter counts and persistence counts added, and the clutter sources of each camera.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
-    rate, out = persistent_clutter_rate(counts), list(sources)
+    rate, out = persistent_clutter_probability(counts), list(sources)
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         clutter[c] += (free[here].sum(), 1.0)

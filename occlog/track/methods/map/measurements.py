@@ -102,7 +102,7 @@ def convex_hull(polygon: Floats) -> Floats:
     return np.asarray(counter_clockwise(polygon[ConvexHull(polygon).vertices]))
 
 
-def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
+def lines_of_sight(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
     """Return the bearings of the record's rows that saw the target as lines of sight, with their variances.
 
     A camera's pixel reading has the noise of [Ercan] Eq. 2 (reading, yaw and position of the camera); readings farther

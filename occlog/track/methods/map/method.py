@@ -43,7 +43,7 @@ from .kernels.problem import BearingLinesByStep, TrajectoryProblem
 from .kernels.terms import depths, inlier_probabilities, leverages, losses, residuals
 from .kernels.windows import summary
 from .lines_and_distances import mixed_search, with_distances, with_rivals
-from .measurements import sight_lines
+from .measurements import lines_of_sight
 from .record import EMPTY, TargetRecord, after, fill, join, record_of
 from .search.problem_of_record import Pending, begin, memory_ns
 from .search.robust import RivalMode, RobustSearchResult, Watch, inlier_weights, plain_search, robust_search
@@ -79,7 +79,7 @@ def residuals_and_noise_scales(
         found: the estimate.
     """
     X, problem = found.solution.X, found.problem
-    stated = sight_lines(record, pending.at)
+    stated = lines_of_sight(record, pending.at)
     spread = covariance(problem, X)
     # Residuals as stated; by the angle where the target is not before the camera
     off = residuals(stated, X)

@@ -284,7 +284,7 @@ class ReadsInput:
         )
         return config, tag_model
 
-    def sight_lines(self, config: RefineConfig) -> RefineBearings | None:
+    def lines_of_sight(self, config: RefineConfig) -> RefineBearings | None:
         """Return the bearings of the cameras that refine positions; None if no camera does.
 
         UsageError for bearings without such a camera, or for too few cameras.

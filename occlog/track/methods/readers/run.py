@@ -94,7 +94,7 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
         tracked = track_virtual(
             windows, regions, inputs.names, thresholds, config.detection_probability, config.false_alarm_probability
         )
-        parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.refine_method
+        parameters, lines, form = inputs.parameters(config), inputs.lines_of_sight(config), config.refine_method
     else:
         if request.virtual_sensors is not None:
             raise UsageError(
@@ -104,7 +104,7 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
             )
         rssi, tag_model = inputs.rssi()
         tracked = track_rssi(windows, tag_model, inputs.names, request.seed, rssi)
-        parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method
+        parameters, lines, form = inputs.parameters(rssi), inputs.lines_of_sight(rssi), rssi.refine_method
     if lines is not None:
         tracked = (refined_positions(part, lines, form) for part in tracked)
     provenance = job.provenance(parameters, inputs.losses, request.seed)

@@ -23,7 +23,7 @@ from occlog.track.methods.jipda.lasting_errors.clock_offset import clock_drifts
 from occlog.track.methods.jipda.lasting_errors.pose_offset import MIN_ANGLE
 
 from ..frame_detections import BoxStatistics, FrameDetectionsWithIds
-from ..rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
+from ..rows import MIN_MAP_PROBABILITY, association_probability_by_camera
 from .camera_faults import CameraFaults
 from .clock_offset import ClockOffsetSearch
 
@@ -117,7 +117,7 @@ class CameraAgreement:
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
-        by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
+        by = association_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
         in_images = [each for each in frames if each.detections.covariance is None]
         self._delays.add(snapshot, in_images, by[:, : self.cameras])
         self._faults.add(snapshot.t_ns, in_images)

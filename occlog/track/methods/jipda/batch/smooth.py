@@ -36,7 +36,7 @@ from ..detector_model import (
     hiding_rate,
     manoeuvre_rate,
     persistent_clutter_density,
-    persistent_clutter_rate,
+    persistent_clutter_probability,
     posture_change_rate,
     target_death_rate,
 )
@@ -158,7 +158,7 @@ def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> P
     The score statistics and sources are those of `state`, learned from all frames.
     """
     boxes = pack_detections(state, group, t_ns)
-    again = persistent_clutter_rate(state.counts)
+    again = persistent_clutter_probability(state.counts)
     static = persistent_clutter_density(
         boxes, [established(c) for c in state.clutter], again, edge_noise_variance(state.edges), state.views.size
     )

@@ -24,7 +24,7 @@ from occlog.track.methods.map.kernels.problem import (
     start_on_axes,
 )
 from occlog.track.methods.map.kernels.windows import StatePrior
-from occlog.track.methods.map.measurements import SensorStations, constraints, sight_lines, stations
+from occlog.track.methods.map.measurements import SensorStations, constraints, lines_of_sight, stations
 from occlog.track.methods.map.record import EMPTY, TargetRecord
 
 LOSS = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY, "mixture": MIXTURE}
@@ -165,7 +165,7 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
             f"map: the motion model does not fit the times: {error}; use form cv (`occlog fit-motion`)"
         ) from error
     # Likelihood: a residual for each bearing (Eq. 4)
-    lines = sight_lines(record, pending.at)
+    lines = lines_of_sight(record, pending.at)
     # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
     planes = constraints(lines, record, pending.at, config, len(record.t_ns), inlier)
     return TrajectoryProblem(steps, lines, planes, LOSS[config.loss], bend_of(config))
