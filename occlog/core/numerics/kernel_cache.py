@@ -30,6 +30,7 @@ with hidden(CONFIGURATION):
     import numba
     from numba.core import config
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
+    from numba.core.types.abstract import Type
     from numba.core.types.containers import BaseTuple
 
 # Numba searches for the file again whenever it compiles; missing of this name, anywhere
@@ -39,6 +40,8 @@ config.reload_config()
 
 EXTERNAL = sys.stdlib_module_names | {"numba", "numpy", "scipy"}
 """Packages with functions that are not compiled into kernels: numba has its own implementations."""
+SIMPLE = (bool, int, float, complex, str, bytes, np.generic, np.dtype, Type)
+"""Types of values that their text describes."""
 
 
 def _of_class(given: type) -> object:
@@ -108,7 +111,7 @@ def _referred(value: Any, names: frozenset[str], calls: list[Any]) -> object:
         return _of_class(type(value)), [_referred(each, names, calls) for each in value]
     if isinstance(value, CodeType):
         return _of_code(value, None, names, calls)
-    simple = value is None or value is ... or isinstance(value, (bool, int, float, complex, str, bytes, np.generic))
+    simple = value is None or value is ... or isinstance(value, SIMPLE)
     return type(value).__name__, repr(value) if simple else getattr(value, "__name__", "")
 
 

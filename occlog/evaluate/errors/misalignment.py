@@ -478,10 +478,7 @@ def _met(tracks: PositionSamples, truth: PositionSamples, gate: float, *, whole:
     ours, theirs = (
         np.column_stack([each.t, each.xy])[own] * scale for each, own in zip((tracks, truth), rows, strict=True)
     )
-    shares = [
-        float(np.mean(np.isfinite(_distance(cKDTree(there), here[_spread(np.arange(len(here)))]))))
-        for here, there in ((ours, theirs), (theirs, ours))
-    ]
+    shares = [_share_near(here, there) for here, there in ((ours, theirs), (theirs, ours))]
     return 2.0 * shares[0] * shares[1] / max(sum(shares), 1e-9)
 
 
@@ -545,7 +542,12 @@ def share_with_tracks(tracks: PositionSamples, others: PositionSamples, gate: fl
         return 0.0
     scale = np.array([1.0 / _tolerance(tracks, others), 1.0 / gate, 1.0 / gate])
     ours, theirs = (np.column_stack([each.t, each.xy]) * scale for each in (tracks, others))
-    return float(np.mean(np.isfinite(_distance(cKDTree(ours), theirs[_spread(np.arange(len(theirs)))]))))
+    return _share_near(theirs, ours)
+
+
+def _share_near(here: Floats, there: Floats) -> float:
+    """Return the share of points `here` (n, d), of at most `QUERIES`, with one of `there` within 1 on each axis."""
+    return float(np.mean(np.isfinite(_distance(cKDTree(there), here[_spread(np.arange(len(here)))]))))
 
 
 def _distance(tree: cKDTree, points: Floats) -> Floats:

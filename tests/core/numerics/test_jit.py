@@ -115,6 +115,7 @@ def test_a_kernel_is_compiled_again_when_a_constant_behind_a_package_changes(tmp
 
 MODULE = """
 import enum, math
+import numba
 from typing import NamedTuple
 import numpy as np
 from occlog.core.numerics.jit import kernel, kernel_part
@@ -127,6 +128,7 @@ class Pair(NamedTuple):
     first: float
     second: float
 
+TYPE = numba.float64
 FACTOR, TABLE = 2.0, np.array([1.0, 2.0])
 
 def made(offset):
@@ -150,7 +152,7 @@ def calling(x):
     '''Return a number.'''
     pair = Pair(x, FACTOR)
     if x in (5.0, 6.0):
-        return math.log(x)
+        return math.log(TYPE(x))
     return called(pair.first) + shifted(pair.second) - other(x) + TABLE[0] + Kind.B + helpers.offset(x) + helpers.SCALE
 
 @kernel
@@ -192,7 +194,8 @@ def test_a_comment_a_docstring_or_another_line_does_not_compile_a_kernel_again(m
         ("by=1.0", "by=1.5"),
         ("import kernel, kernel_part", "import array_kernel as kernel, kernel_part"),
         ("(5.0, 6.0)", "(5.0, 7.0)"),
-        ("math.log(x)", "math.exp(x)"),
+        ("math.log(", "math.exp("),
+        ("TYPE = numba.float64", "TYPE = numba.float32"),
         ("SCALE = 4.0", "SCALE = 5.0"),
         ("return x - 1.0", "return x - 2.0"),
     ],
